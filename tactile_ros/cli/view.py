@@ -1,21 +1,27 @@
-"""Show taxels, contacts, forces and grip in Foxglove: live, recorded or simulated.
+"""Show taxels, contacts, forces and grip live in the browser, or in Foxglove.
 
-Without anything named it listens to the topics of running nodes; a bag or file is played; a sensor
-is simulated. Foxglove (or Lichtblick, its free sibling) connects to the address that is printed;
-config/foxglove_view.json is a layout for it. Needs `pip install foxglove-sdk`.
+The page opens by itself and is served on this machine alone. Without anything named it shows the
+topics of running nodes; a bag or file is played; a board is read without ROS; a twin is simulated.
 
 example:
   tactile view
-  tactile view --namespace thumb --namespace index
-  tactile view out/demo/reskin_board/bags/place --speed 0.5
-  tactile view --sensor gradiometer
+  tactile view --namespace thumb --namespace index --control
+  tactile view --sensor reskin_board --board /dev/ttyACM0
+  tactile view --sensor gradiometer --control
+  tactile view out/demo/reskin_board/bags/place --loop
+  tactile view --sensor taxel_array --foxglove
   tactile view --sensor taxel_array --seconds 5 --mcap out/taxels.mcap
 """
 
 from __future__ import annotations
 
+import os
 import sys
+import threading
 import time
+import webbrowser
+from collections import deque
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -30,6 +36,7 @@ from tactile_ros.evaluation.recording_files import load
 from tactile_ros.evaluation.replay import failure_problems
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import ContactStates
+from tactile_ros.view.page_server import PageServer
 from tactile_ros.view.viewer import Viewer
 
 if TYPE_CHECKING:
@@ -46,41 +53,32 @@ if TYPE_CHECKING:
 PORT = 8765  # where Foxglove looks by itself
 READ_S = 1.0
 MOST_ROWS = 1000  # of simulated presses, for a fit of seconds
+TARE_FRAMES = 50
 LAYOUT = 'config/foxglove_view.json'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `tactile view`."""
     parser.add_argument('recording', nargs='?', help='bag, .npz or .csv to play; none: topics')
-    parser.add_argument('--sensor', help='simulate this sensor instead, see `tactile list`')
+    parser.add_argument('--sensor', help='simulate this sensor, see `tactile list`')
+    parser.add_argument('--board', help='serial port of a real --sensor, read without ROS')
     parser.add_argument('--namespace', action='append', help='of topics; several are shown')
-    parser.add_argument('--calibration', type=Path, help='for what was recorded or is simulated')
+    parser.add_argument('--calibration', type=Path, help='of what is recorded, read or simulated')
     parser.add_argument('--speed', type=float, default=1.0, help='of playing; 0: at once')
+    parser.add_argument('--loop', action='store_true', help='play for ever, once a page looks')
     parser.add_argument('--seed', type=int, default=0, help='of the simulated sensor')
     parser.add_argument('--seconds', type=float, help='stop by itself after so long')
     parser.add_argument('--port', type=int, default=PORT, help=f'of the server ({PORT}; 0: any)')
+    parser.add_argument('--control', action='store_true', help='the page may tare (key T)')
+    parser.add_argument('--no-open', action='store_true', help='print the address alone')
+    parser.add_argument('--foxglove', action='store_true', help='serve Foxglove instead of a page')
     parser.add_argument('--mcap', type=Path, help='write a file for Foxglove, without a server')
 
 
 def run(options: argparse.Namespace) -> int:
     """Open the viewer and feed it until the end or Ctrl-C."""
-    if options.sensor and options.recording:
-        msg = f'name a recording or --sensor; received {options.recording} and {options.sensor}'
-        raise ValueError(msg)
-    if options.speed < 0:
-        raise ValueError(f'--speed must be 0 or more; received {options.speed:g}')
-    if options.mcap and options.mcap.exists():
-        raise ValueError(f'{options.mcap} exists already; name a file that does not')
-    if options.recording and not Path(options.recording).exists():
-        raise RecordingError(f'{options.recording} does not exist; name a bag, .npz or .csv')
-    if options.sensor:
-        load_sensor(options.sensor)  # before anybody is asked to connect
-    if options.mcap:
-        refuse_unwritable(options.mcap)
-        options.mcap.parent.mkdir(parents=True, exist_ok=True)
-    with Viewer(None if options.mcap else options.port, options.mcap) as viewer:
-        told = f'connect Foxglove to {viewer.address}, layout {LAYOUT}; Ctrl-C ends'
-        print(f'writing {options.mcap}' if options.mcap else told, file=sys.stderr, flush=True)
+    refuse_wrong(options)
+    with opened(options) as viewer:
         try:
             with interruptible():
                 feed(viewer, options)
@@ -89,47 +87,105 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def feed(viewer: Viewer, options: argparse.Namespace) -> None:
+def refuse_wrong(options: argparse.Namespace) -> None:
+    """Refuse options that contradict one another before anybody is asked to connect."""
+    if options.sensor and options.recording:
+        msg = f'name a recording or --sensor; received {options.recording} and {options.sensor}'
+        raise ValueError(msg)
+    if options.board and not options.sensor:
+        raise ValueError(f'--board needs the --sensor that it is; received {options.board} alone')
+    if options.speed < 0:
+        raise ValueError(f'--speed must be 0 or more; received {options.speed:g}')
+    if options.loop and not options.speed:
+        raise ValueError('--loop needs a --speed above 0; received 0')
+    if options.mcap and options.mcap.exists():
+        raise ValueError(f'{options.mcap} exists already; name a file that does not')
+    if options.recording and not Path(options.recording).exists():
+        raise RecordingError(f'{options.recording} does not exist; name a bag, .npz or .csv')
+    if options.sensor:
+        load_sensor(options.sensor)
+    if options.mcap:
+        refuse_unwritable(options.mcap)
+        options.mcap.parent.mkdir(parents=True, exist_ok=True)
+
+
+def opened(options: argparse.Namespace) -> PageServer | Viewer:
+    """Page, server of Foxglove or file that was asked for, with a line that says where it is."""
+    if options.mcap or options.foxglove:
+        viewer = Viewer(None if options.mcap else options.port, options.mcap)
+        address = f'connect Foxglove to {viewer.address}, layout {LAYOUT}; Ctrl-C ends'
+        print(f'writing {options.mcap}' if options.mcap else address, file=sys.stderr, flush=True)
+        return viewer
+    page = PageServer(options.port, control=options.control)
+    print(f'showing {page.address} ; Ctrl-C ends', file=sys.stderr, flush=True)
+    screen = any(os.environ.get(name) for name in ('DISPLAY', 'WAYLAND_DISPLAY', 'BROWSER'))
+    if screen and not options.no_open:
+        threading.Thread(target=webbrowser.open, args=(page.address,), daemon=True).start()
+    return page
+
+
+def feed(viewer: PageServer | Viewer, options: argparse.Namespace) -> None:
     """Show whatever was asked for."""
     if options.sensor:
-        for layout, frame, state in simulated(options):
-            viewer.show('', layout, frame, state)
+        show_sensor(viewer, options)
     elif options.recording:
-        calibration = open_calibration(options.calibration) if options.calibration else None
-        with working(f'reading {options.recording}'):
-            found = load(Path(options.recording)).recordings
-        for one in found:
-            name = one.name if len(found) > 1 else ''
-            for layout, frame, state in paced(played(one, calibration), options):
-                viewer.show(name, layout, frame, state)
+        show_recordings(viewer, options)
     else:
         try:
-            from tactile_ros.nodes.viewer_node import run_viewer
+            from tactile_ros.nodes.viewer_node import ViewerNode, run_viewer
         except ImportError as error:
-            msg = 'topics need ROS 2; name a recording or --sensor, or use the road with make'
+            msg = 'topics need ROS 2; name a recording or --sensor, or set up with make'
             raise MissingPackageError(msg) from error
-        run_viewer(options.namespace or [''], viewer.show, viewer.grip, options.seconds)
+
+        def begin(node: ViewerNode) -> None:
+            if isinstance(viewer, PageServer):
+                viewer.tare = node.tare
+
+        names = options.namespace or ['']
+        run_viewer(names, viewer.show, viewer.grip, options.seconds, begin)
 
 
-def simulated(options: argparse.Namespace) -> Iterator[Shown]:
-    """Frames of a twin through its driver, and what a pipeline says of them."""
+def show_sensor(viewer: PageServer | Viewer, options: argparse.Namespace) -> None:
+    """Frames of a board or of a twin through the driver, and what a pipeline says of them."""
     spec = load_sensor(options.sensor)
-    config = spec.config(**spec.demo)
+    config = spec.config(**({} if options.board else spec.demo))
     if options.calibration:
         pipeline = open_calibration(options.calibration)
+    elif options.board:
+        pipeline = spec.pipeline(config)
     else:
         with working(f'calibrating {spec.key} on simulated presses'):
             pipeline = fitted(spec, config, options.seed + 1)
-    layout = pipeline.layout
-    twin = spec.simulate(config, spec.connection(), None, options.seed)
+    recent: deque[Frame] = deque(maxlen=TARE_FRAMES)
+    lock = threading.Lock()
+
+    def tare(_: str) -> str:
+        with lock:
+            try:
+                pipeline.tare(list(recent))
+            except ValueError as error:
+                return str(error)
+            return f'tared on the last {len(recent)} frames'
+
     end = float('inf') if options.seconds is None else time.monotonic() + options.seconds
-    with twin, twin.device(time.time_ns) as device:
+    with ExitStack() as held:
+        connection = spec.connection(**({'port': options.board} if options.board else {}))
+        if options.board:
+            device = held.enter_context(spec.open(config, connection, time.time_ns))
+        else:
+            twin = held.enter_context(spec.simulate(config, connection, None, options.seed))
+            device = held.enter_context(twin.device(time.time_ns))
+        if isinstance(viewer, PageServer):
+            viewer.tare = tare
         while time.monotonic() < end:
             try:
                 frame = device.read(READ_S)
             except DeviceTimeout:
                 continue
-            yield layout, frame, pipeline.process(frame)
+            with lock:
+                recent.append(frame)
+                state = pipeline.process(frame)
+            viewer.show('', pipeline.layout, frame, state)
 
 
 def fitted(spec: SensorSpec, config: SensorConfig, seed: int) -> Pipeline:
@@ -137,6 +193,27 @@ def fitted(spec: SensorSpec, config: SensorConfig, seed: int) -> Pipeline:
     train = spec.presses(config, seed)
     every = -(-len(train) // MOST_ROWS)
     return spec.pipeline(config).fit(train.select(slice(None, None, every)))
+
+
+def show_recordings(viewer: PageServer | Viewer, options: argparse.Namespace) -> None:
+    """Play every recording of a path, for ever where it loops."""
+    with working(f'reading {options.recording}'):
+        calibration = open_calibration(options.calibration) if options.calibration else None
+        found = load(Path(options.recording)).recordings
+    page = viewer if isinstance(viewer, PageServer) else None
+    if page and options.loop:
+        page.wait_for_page(options.seconds)
+    end = float('inf') if options.seconds is None else time.monotonic() + options.seconds
+    while True:
+        for one in found:
+            name = one.name if len(found) > 1 else ''
+            for layout, frame, state in paced(played(one, calibration), options):
+                viewer.show(name, layout, frame, state)
+        if not options.loop or time.monotonic() > end:
+            break
+    if page and options.speed and options.seconds is None:
+        print('played; the page stays until Ctrl-C', file=sys.stderr, flush=True)
+        threading.Event().wait()
 
 
 def played(loaded: LoadedRecording, pipeline: Pipeline | None) -> Iterator[Shown]:

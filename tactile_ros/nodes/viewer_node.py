@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections import OrderedDict
 from functools import partial
@@ -12,6 +13,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
+from std_srvs.srv import Trigger
 
 from tactile_ros import messages
 from tactile_ros.msg import GripState, TactileContacts, TactileFrame, TactileLayout
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
 
 WAITING = 100  # frames that wait for their contacts, or contacts for their frame
 LOOK_S = 0.1
+TARE_S = 5.0  # longest wait for the answer of a tare
 
 
 class ViewerNode(Node):
@@ -52,6 +55,21 @@ class ViewerNode(Node):
             for kind, topic, callback in inputs:
                 path = f'{name}/{topic}' if name else topic
                 self.create_subscription(kind, path, partial(callback, name), qos(topic))
+
+    def tare(self, name: str) -> str:
+        """Ask contact_node of a namespace for a tare, from another thread; its answer in words."""
+        service = '/'.join(part for part in (name, 'contact_node/tare') if part)
+        client = self.create_client(Trigger, service)
+        try:
+            if not client.wait_for_service(TARE_S):
+                return f'nobody answers at {service}'
+            answered, answer = threading.Event(), client.call_async(Trigger.Request())
+            answer.add_done_callback(lambda _: answered.set())
+            if not answered.wait(TARE_S):
+                return f'{service} did not answer within {TARE_S:g} s'
+            return str(answer.result().message)
+        finally:
+            self.destroy_client(client)
 
     def _on_layout(self, name: str, message: TactileLayout) -> None:
         self._layouts[name] = messages.read_layout(message)
@@ -82,11 +100,16 @@ class ViewerNode(Node):
 
 
 def run_viewer(
-    namespaces: Sequence[str], show: Show, show_grip: ShowGrip, seconds: float | None
+    namespaces: Sequence[str],
+    show: Show,
+    show_grip: ShowGrip,
+    seconds: float | None,
+    begin: Callable[[ViewerNode], None] = lambda _: None,
 ) -> None:
-    """Listen until Ctrl-C, or for so many seconds."""
+    """Listen until Ctrl-C, or for so many seconds; `begin` takes the node before."""
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = ViewerNode(namespaces, show, show_grip)
+    begin(node)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     end = float('inf') if seconds is None else time.monotonic() + seconds

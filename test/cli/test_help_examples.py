@@ -25,7 +25,7 @@ from tactile_ros.sensors import load_sensor
 from tactile_ros.types import STATE_FIELDS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from tactile_ros.evaluation.recording_files import LoadedRecording
     from tactile_ros.pipeline import Pipeline
@@ -56,7 +56,8 @@ PARSED_ALONE = {
     'tactile replay bags/* --calibration a.npz --scheduler tcp://10.0.0.1:8786':
         'needs a Dask cluster; test/evaluation/test_fleet.py starts one',
     'tactile view': LIVE + 'test/nodes/test_watch.py',
-    'tactile view --namespace thumb --namespace index': LIVE + 'test/nodes/test_watch.py',
+    'tactile view --namespace thumb --namespace index --control': LIVE
+    + 'test/nodes/test_watch.py',
     'tactile bench reskin': LONG,
     'tactile bench devices --quick': LONG,
     'tactile bench fidelity --figures docs/images': LONG,
@@ -164,14 +165,20 @@ def port() -> Iterator[str]:
 def somebody_looks_for_a_moment(monkeypatch: pytest.MonkeyPatch) -> None:
     """A live view ends by Ctrl-C; its twin is not learned from, which takes seconds."""
     monkeypatch.setattr(view, 'fitted', lambda spec, config, _: spec.pipeline(config))
-    seen, show = count(1), view.Viewer.show
+    for viewer in (view.Viewer, view.PageServer):
+        monkeypatch.setattr(viewer, 'show', stops(viewer.show))
+
+
+def stops(show: Callable[..., None]) -> Callable[..., None]:
+    """The same until some frames were shown."""
+    seen = count(1)
 
     def stop(*what: object) -> None:
         show(*what)
         if next(seen) >= SHOWN:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(view.Viewer, 'show', stop)
+    return stop
 
 
 @pytest.fixture(autouse=True)
@@ -199,7 +206,8 @@ def typed(line: str, port: str) -> list[str]:
     if words[0] == 'replay':
         words += ['--jobs', '1']  # no processes, which take seconds to start
     if words[0] == 'view' and '--mcap' not in words:
-        words += ['--port', '0']  # that of the viewer may be in use
+        words += ['--port', '0', '--no-open']  # that of the viewer may be in use
+        words = [word for word in words if word != '--loop']  # which waits for a page
     return words
 
 
@@ -221,7 +229,7 @@ def test_an_example_runs(
     line: str, place: Path, port: str, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
-    if ' view ' in line:
+    if '--foxglove' in line or '--mcap' in line:
         pytest.importorskip('foxglove')
     if '--png' in line:
         pytest.importorskip('resvg_py')

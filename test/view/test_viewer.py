@@ -129,14 +129,14 @@ def test_a_port_that_is_taken_is_one_sentence(
         taken.bind((HOST, 0))
         taken.listen()
         port = taken.getsockname()[1]
-        assert main(['view', str(few), '--port', str(port)]) == 1
+        assert main(['view', str(few), '--foxglove', '--port', str(port)]) == 1
     (said,) = capsys.readouterr().err.splitlines()
     assert f'nothing can be shown at port {port}' in said
 
 
 def test_a_server_says_where_it_is(few: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip('foxglove', reason='foxglove-sdk is not installed')
-    assert main(['view', str(few), '--speed', '0', '--port', '0']) == 0
+    assert main(['view', str(few), '--foxglove', '--speed', '0', '--port', '0']) == 0
     assert f'connect Foxglove to ws://{HOST}:' in capsys.readouterr().err
 
 
@@ -144,7 +144,7 @@ def test_without_the_package_there_is_one_sentence(
     few: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(__import__('sys').modules, 'foxglove', None)
-    assert main(['view', str(few)]) == 1
+    assert main(['view', str(few), '--foxglove']) == 1
     (said,) = capsys.readouterr().err.splitlines()
     assert said == 'tactile view: tactile view needs foxglove-sdk: pip install foxglove-sdk'
 
@@ -154,6 +154,8 @@ def test_without_the_package_there_is_one_sentence(
     [
         (['a.npz', '--sensor', 'gradiometer'], 'name a recording or --sensor'),
         (['a.npz', '--speed', '-1'], '--speed must be 0 or more'),
+        (['--board', '/dev/ttyACM0'], '--board needs the --sensor'),
+        (['a.npz', '--loop', '--speed', '0'], '--loop needs a --speed above 0'),
         (['a.npz', '--mcap', __file__], 'exists already'),
     ],
 )
