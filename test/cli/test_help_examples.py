@@ -55,9 +55,9 @@ PARSED_ALONE = {
     'tactile record -o out/thumb --namespace thumb --seconds 20': LIVE + 'test_commands.py',
     'tactile replay bags/* --calibration a.npz --scheduler tcp://10.0.0.1:8786':
         'needs a Dask cluster; test/evaluation/test_fleet.py starts one',
-    'tactile view': LIVE + 'test/nodes/test_watch.py',
+    'tactile view': LIVE + 'test/nodes/test_viewer_node.py',
     'tactile view --namespace thumb --namespace index --control': LIVE
-    + 'test/nodes/test_watch.py',
+    + 'test/nodes/test_viewer_node.py',
     'tactile bench reskin': LONG,
     'tactile bench devices --quick': LONG,
     'tactile bench fidelity --figures docs/images': LONG,
