@@ -25,7 +25,7 @@ from tactile_ros.types import Closing, FrameStatus, TaxelStatus
 from tactile_ros.view.viewer import HOST, GripMessage, Seen, grip_scalars
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from tactile_ros.types import Array, ContactState, Frame, Layout
 
@@ -286,9 +286,8 @@ class PageServer(Closing):
                     write(b': alive\n\n')
                 time.sleep(max(0.0, begun + PERIOD_S - time.monotonic()))
                 with self._news:
-                    self._news.wait_for(
-                        lambda seen=version: self.closed or seen != self._version, ALIVE_S
-                    )
+                    if version == self._version and not self.closed:
+                        self._news.wait(ALIVE_S)
             write(event('end', {}))
         finally:
             with self._news:
@@ -368,6 +367,6 @@ class Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
 
-def event(kind: str, data: Json) -> bytes:
+def event(kind: str, data: Mapping[str, object]) -> bytes:
     """One server-sent event."""
     return f'event: {kind}\ndata: {json.dumps(data, separators=(",", ":"))}\n\n'.encode()
