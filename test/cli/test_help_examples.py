@@ -36,6 +36,7 @@ START_NS = 1_700_000_000_000_000_000
 MOST_ROWS = 1200
 SHOWN = 20  # frames, after which whoever looks presses Ctrl-C
 GRAPH = 'starts the ROS graph for half a minute or more: '
+NODES = 'runs nodes until Ctrl-C: test/cli/test_run.py'
 LIVE = 'needs running nodes: '
 MADE_ON_ITS_PAGE = 'its sensor is made on that page; test/sensors/test_adding_a_sensor.py'
 LONG = 'measures for minutes to hours: `make bench` runs it'
@@ -45,6 +46,9 @@ PARSED_ALONE = {
     'tactile demo --seed 1 --output out/other': GRAPH + '`make demo`',
     'tactile demo --sensor gradiometer': GRAPH + 'cut short in test_twin_demo.py',
     'tactile demo --sensor taxel_array --json': GRAPH + 'cut short in test_twin_demo.py',
+    'tactile run --sensor reskin_board --port /dev/ttyACM0 --calibration out/mine.npz': NODES,
+    'tactile run --sensor gradiometer --simulated': NODES,
+    'tactile run --hand allegro_v5 --calibrations out/fingers --mock-hand': NODES,
     'tactile demo grasp': 'simulates for minutes; its scenes are run in test/simulation',
     'tactile doctor --sensor magnet_pad --set buses=[/dev/i2c-3] --probe --json':
         'asks real buses; test_doctor.py asks a simulated one',
