@@ -45,7 +45,7 @@ TOLERANCE_NS = 300_000  # between a frame's stamp and its write
 ENTRY = (
     'import sys; from tactile_ros.hands.drivers import AllegroV5; '
     'AllegroV5.fastest_hz = 1000.0; exec({more!r}); '
-    'from tactile_ros.nodes.__main__ import main; main()'
+    'from tactile_ros.nodes.__main__ import start; start()'
 )
 NOTE = (
     'import sys; sys.path.append({folder!r})\n'

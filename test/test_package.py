@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import tactile_ros
-from tactile_ros.nodes.__main__ import MODULES as MODULES_OF_NODES
+from tactile_ros.nodes.__main__ import NODES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -46,10 +46,10 @@ def test_executables_have_their_modules() -> None:
     cmake = (ROOT / 'CMakeLists.txt').read_text()
     names = re.search(r'^set\(executables ([^)]*)\)$', cmake, re.M)
     assert names
-    assert set(names[1].split()) == {'tactile', *MODULES_OF_NODES}
-    for module in MODULES_OF_NODES.values():
-        path = ROOT / 'tactile_ros' / 'nodes' / f'{module}.py'
-        assert 'def main(' in path.read_text()
+    assert set(names[1].split()) == {'tactile', *NODES}
+    for module, builder in NODES.values():
+        text = (ROOT / 'tactile_ros' / 'nodes' / f'{module}.py').read_text()
+        assert re.search(rf'^(def|class) {builder}\b', text, re.M)
 
 
 def test_recordings_of_the_independent_world_are_not_installed() -> None:

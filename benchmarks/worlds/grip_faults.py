@@ -93,7 +93,7 @@ class Scene:
         from tactile_ros.action import Grasp
         from tactile_ros.msg import GripState, TactileContacts
         from tactile_ros.nodes.grip_node import MESSAGES
-        from tactile_ros.nodes.lifecycle import end, qos, start
+        from tactile_ros.nodes.lifecycle import qos, start
         from tactile_ros.nodes.mock_hand_node import MockHandNode
 
         folder = Path(held.enter_context(tempfile.TemporaryDirectory()))
@@ -112,7 +112,7 @@ class Scene:
         # not that of events, which cannot tell when a message was sent
         self._executor = SingleThreadedExecutor()
         self.hand = MockHandNode()
-        held.callback(end, self.hand)
+        held.callback(self.hand.end)
         self.node = Node('watching')
         held.callback(self.node.destroy_node)
         for node in (self.hand, self.node):

@@ -8,14 +8,15 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-MODULES = {
-    'sensor_node': 'sensor_node',
-    'contact_node': 'contact_node',
-    'grip_node': 'grip_node',
-    'mock_hand': 'mock_hand_node',
-    'stack': 'stack',
-    'record': 'record_node',
-    'player': 'player_node',
+# executable: its module, and what makes its node there, or its nodes
+NODES = {
+    'sensor_node': ('sensor_node', 'SensorNode'),
+    'contact_node': ('contact_node', 'ContactNode'),
+    'grip_node': ('grip_node', 'GripNode'),
+    'mock_hand': ('mock_hand_node', 'MockHandNode'),
+    'stack': ('stack', 'build'),
+    'record': ('record_node', 'RecordNode'),
+    'player': ('player_node', 'PlayerNode'),
 }
 
 
@@ -29,11 +30,13 @@ def start() -> None:
     if STARTED_BY in os.environ:  # one that was started by hand outlives its shell
         end_with_parent()
     name = Path(sys.argv[0]).name
-    if name not in MODULES:
-        if len(sys.argv) < 2 or sys.argv[1] not in MODULES:
-            sys.exit(f'name one of {", ".join(MODULES)}')
+    if name not in NODES:
+        if len(sys.argv) < 2 or sys.argv[1] not in NODES:
+            sys.exit(f'name one of {", ".join(NODES)}')
         name = sys.argv.pop(1)
-    import_module(f'tactile_ros.nodes.{MODULES[name]}').main()
+    module, builder = NODES[name]
+    build = getattr(import_module(f'tactile_ros.nodes.{module}'), builder)
+    import_module('tactile_ros.nodes.lifecycle').run(build)
 
 
 if __name__ == '__main__':

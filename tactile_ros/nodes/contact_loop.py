@@ -9,23 +9,18 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from math import nan
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.conditioning.faults import DAMAGED, SAYS_NOTHING
-from tactile_ros.types import Frame, FrameStatus, Recording, TaxelStatus
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.types import ContactState, Estimation, Frame, FrameStatus, Recording, TaxelStatus
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import ContactState, Estimation
-
-    Observer = Callable[[Frame, ContactState], None]
-
+Observer = Callable[[Frame, ContactState], None]
 STALE = int(FrameStatus.STALE)
 FAR_AHEAD_NS = 86_400 * 10**9  # recordings that are played fast run ahead of the clock, too
 
@@ -132,19 +127,13 @@ class ContactLoop:
         self.tare_in_contact = tare_in_contact
         self.statistics = LoopStatistics()
         self._observer: Observer | None = None
-        self._on_baseline = on_baseline
+        self._on_baseline, self._on_failure = on_baseline, on_failure
         # of each whether something touched
         self._recent: deque[tuple[Frame, bool]] = deque(maxlen=tare_frames)
         # since activation: a stream that begins anew, or a doubled message, lifts no guard
         self._tared = False
         # The service comes from another thread than the frames in the one-process road.
         self._lock = threading.Lock()
-        self._on_failure = on_failure
-
-    @property
-    def failures(self) -> int:
-        """Frames that could not be estimated."""
-        return self.pipeline.failures
 
     @property
     def is_touching(self) -> bool:
@@ -193,46 +182,48 @@ class ContactLoop:
 
     def process_all(self, frames: Sequence[Frame]) -> list[ContactState]:
         """Estimate from the next frames: the same numbers as one by one, and cheaper."""
+        pipeline = self.pipeline
         with self._lock:
-            failures = self.pipeline.failures
+            failures = pipeline.failures
             if len(frames) > 1 and self._is_one_stretch(frames):
-                recording = Recording.from_frames(self.pipeline.layout, frames)
-                states = list(self.pipeline.process_next(recording))
+                recording = Recording.from_frames(pipeline.layout, frames)
+                states = list(pipeline.process_next(recording))
                 self._remember(frames, states)
             else:
                 states = []
                 for frame in frames:
-                    if frame.sequence <= self.statistics.sequence:
-                        self._begin_stream()
-                    if not self.statistics.frames and self._has_baseline:
-                        self._on_baseline(self._baseline(frame.stamp_ns, frame.sequence))
-                    states.append(self.pipeline.process(frame))
+                    self._begin(frame)
+                    states.append(pipeline.process(frame))
                     self._remember([frame], states[-1:])
                     if self._observer is not None:
                         self._observer(frame, states[-1])
-            failed = self.pipeline.failures - failures
+            failed = pipeline.failures - failures
         if failed > 0:
             which = 'a frame' if failed == 1 else f'{failed} frames'
-            self._on_failure(f'{which} cannot be estimated ({self.pipeline.failure})')
+            self._on_failure(f'{which} cannot be estimated ({pipeline.failure})')
         return states
+
+    def _begin(self, frame: Frame) -> None:
+        """Begin a stream with a frame that is its first, and announce the baseline in use."""
+        if frame.sequence <= self.statistics.sequence:
+            self._begin_stream()
+        # NaN says that there is no baseline yet, zero that the estimators want none
+        if not self.statistics.frames and np.nan_to_num(self.pipeline.baseline).any():
+            self._announce(frame.stamp_ns, frame.sequence)
 
     def _is_one_stretch(self, frames: Sequence[Frame]) -> bool:
         """Nothing begins with any of these frames, and nobody observes them one by one."""
-        before, chips = self.statistics.last, frames[0].temperature_c is None
-        if self._observer is not None or before is None or before.stamp_ns is None:
+        last, chips = self.statistics.last, frames[0].temperature_c is None
+        if self._observer is not None or last is None:
             return False
-        for frame in frames:
-            later = frame.stamp_ns is not None and frame.stamp_ns > before.stamp_ns
-            counted = frame.sequence > before.sequence
-            if not later or not counted or (frame.temperature_c is None) != chips:
-                return False
-            before = frame
-        return True
-
-    @property
-    def _has_baseline(self) -> bool:
-        """A baseline is in use: NaN says none yet, zero that the estimators want none."""
-        return bool(np.nan_to_num(self.pipeline.baseline).any())
+        return all(
+            before.stamp_ns is not None
+            and after.stamp_ns is not None
+            and after.stamp_ns > before.stamp_ns
+            and after.sequence > before.sequence
+            and (after.temperature_c is None) == chips
+            for before, after in pairwise([last, *frames])
+        )
 
     def _remember(self, frames: Sequence[Frame], states: Sequence[ContactState]) -> None:
         """Count, and keep frames that may be resting for a tare."""
@@ -241,16 +232,12 @@ class ContactLoop:
         for frame, state in zip(frames, states, strict=True):
             counts.valid += int(state.valid)
             counts.last, counts.state = frame, state
-            if not _is_damaged(state):
+            says_nothing = state.status & STALE and np.all(state.taxel_status & SAYS_NOTHING)
+            if not (state.status & DAMAGED or says_nothing):
                 self._recent.append((frame, self.is_touching))
             elif self.is_touching and self._recent:
                 # nothing before a contact may be a rest after it, whatever its frames look like
                 self._recent[-1] = (self._recent[-1][0], True)
-
-    @property
-    def _contact_forbids(self) -> bool:
-        """Frames in contact are no rest: not before the first tare, when nobody can tell."""
-        return not self.tare_in_contact and self._tared
 
     def tare(self) -> tuple[bool, str]:
         """Take the baseline from the last resting frames.
@@ -264,13 +251,25 @@ class ContactLoop:
 
     def _take_baseline(self) -> tuple[bool, str]:
         """Take the baseline, or say why not."""
+        counts = self.statistics
+        # frames in contact are no rest: not before the first tare, when nobody can tell
+        forbidden = not self.tare_in_contact and self._tared
         frames: list[Frame] = []
         for frame, touched in reversed(self._recent):
-            if touched and self._contact_forbids:
+            if touched and forbidden:
                 break
             frames.insert(0, frame)
+        if not frames and self.is_touching and forbidden:
+            return False, (
+                'tare is refused while something touches: release it, or set allow_tare_in_contact'
+            )
         if not frames:
-            return False, self._refusal()
+            lacking = (
+                'resting frames and none without damage came since the last contact'
+                if counts.frames
+                else 'frames and none came yet: is the sensor active?'
+            )
+            return False, f'tare needs {lacking}'
         spread = np.std([frame.values for frame in frames], axis=0) / self.pipeline.rest_.scale
         moving = np.flatnonzero((spread > 1).any(axis=1))
         if moving.size and not self.tare_in_contact:
@@ -283,38 +282,21 @@ class ContactLoop:
         except ValueError as err:
             return False, str(err)
         self._tared = True
-        counts = self.statistics
         counts.tares += 1
         counts.tare_ns = frames[-1].stamp_ns
         first = counts.sequence + 1
-        self._on_baseline(self._baseline(counts.tare_ns, first))
+        self._announce(counts.tare_ns, first)
         return True, f'baseline of {len(frames)} frames, from sequence {first} on'
 
-    def _refusal(self) -> str:
-        """Why there is no frame to tare from."""
-        if self.is_touching and self._contact_forbids:
-            return (
-                'tare is refused while something touches: release it, or set allow_tare_in_contact'
-            )
-        if not self.statistics.frames:
-            return 'tare needs frames and none came yet: is the sensor active?'
-        return 'tare needs resting frames and none without damage came since the last contact'
-
-    def _baseline(self, stamp_ns: int | None, sequence: int) -> Frame:
-        """Baseline in use as a frame, with the temperatures that it was taken at."""
+    def _announce(self, stamp_ns: int | None, sequence: int) -> None:
+        """Hand over the baseline in use, with the temperatures that it was taken at."""
         chips = self.pipeline.baseline_temperature_c
         measured = chips is not None and np.isfinite(chips).any()
-        return Frame(
+        baseline = Frame(
             stamp_ns,
             sequence,
             np.array(self.pipeline.baseline),
             temperature_c=np.array(chips) if measured else None,
             averaged=self.pipeline.tare_frames,
         )
-
-
-def _is_damaged(state: ContactState) -> bool:
-    """No tare may take this frame: a taxel of it is bad, or none says anything new."""
-    if state.status & DAMAGED:
-        return True
-    return bool(state.status & STALE and np.all(state.taxel_status & SAYS_NOTHING))
+        self._on_baseline(baseline)

@@ -3,33 +3,27 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from tactile_ros import messages
-from tactile_ros.enrolment import Allowed
+from tactile_ros.enrolment import Allowed, ClassChange
 from tactile_ros.msg import TactileContact, TactileContacts, TactileFrame, TactileLayout
 from tactile_ros.nodes.contact_loop import ContactLoop, TimeCheck
 from tactile_ros.nodes.enrolment_server import Enrolment, EnrolmentServer
-from tactile_ros.nodes.lifecycle import ManagedNode, diagnostic, events_executor, main_of
+from tactile_ros.nodes.lifecycle import ManagedNode, diagnostic
 from tactile_ros.nodes.parameters import ContactOptions
 from tactile_ros.nodes.standard_messages import StandardTopics
+from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
-from tactile_ros.types import FrameStatus
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from rclpy.subscription import Subscription
-    from rclpy.timer import Timer
-
-    from tactile_ros.enrolment import ClassChange
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import ContactState, Frame
+from tactile_ros.types import ContactState, Frame, FrameStatus
 
 Message = TypeVar('Message')
 LISTENERS_PERIOD_S = 0.02
@@ -52,10 +46,10 @@ class ContactNode(ManagedNode):
         arguments: Sequence[str] = (),
     ) -> None:
         super().__init__('contact_node', arguments)
-        self._loop: ContactLoop | None = None
+        self.loop: ContactLoop | None = None
         self._server: EnrolmentServer | None = None
-        self._unknown_as = ContactOptions().unknown_as
-        self.declare(ContactOptions())
+        self._options = ContactOptions()
+        self.declare(self._options)
         self._spec = load_sensor(self.get_parameter('sensor').value)
         self.declare(self._spec.config())
         self._contacts = self.managed_publisher(TactileContacts, 'contacts')
@@ -65,11 +59,10 @@ class ContactNode(ManagedNode):
         self._direct, self._downstream = direct, downstream
         self.topic = self.resolve_topic_name('contacts')
         self._active = False
-        self._options = ContactOptions()
         self._pipeline: Pipeline | None = None
         self._times = TimeCheck()
         self._waiting: Timer | None = None
-        self._refusal = self._complaint = self._digest = self._frame_id = ''
+        self._refusal = self._complaint = self._frame_id = ''
         self._frames_before = 0
         self._tare = self.create_service(Trigger, '~/tare', self._on_tare)
         if self._spec.pipeline().estimation.learns_classes:
@@ -87,6 +80,7 @@ class ContactNode(ManagedNode):
                 self._pipeline.reset()
             return
         self._pipeline = self._spec.pipeline(config)
+        self._digest = self._pipeline.digest
         self._pipeline.warm_up()
         self.get_logger().warning(
             'no calibration was given: contacts say NOT_CALIBRATED and estimate what the nominal '
@@ -95,27 +89,26 @@ class ContactNode(ManagedNode):
 
     def activate(self) -> None:
         """Announce the calibration and begin to listen."""
-        live = self.options(ContactOptions)  # they may have changed since configure
-        self._loop = ContactLoop(
+        live = self._options = self.options(ContactOptions)  # changed since configure, perhaps
+        self.loop = ContactLoop(
             self._pipeline,
             live.tare_frames,
             live.allow_tare_in_contact,
             self._publish_baseline,
             self._complain,
         )
-        self._loop.reset()
+        self.loop.reset()
         self._times = TimeCheck()
         self._refusal = self._complaint = ''
         self._frames_before = 0
-        self._unknown_as = live.unknown_as
         if self._server is not None:
             self._server.enrolment = Enrolment(
-                self._loop,
-                self._options.calibration,
+                self.loop,
+                live.calibration,
                 self._spec.load,
                 self._digest,
                 self._announce,
-                Allowed(self._options.most_lost, self._options.most_lost_there),
+                Allowed(live.most_lost, live.most_lost_there),
             )
         self._announce()
         self._active = True
@@ -140,13 +133,12 @@ class ContactNode(ManagedNode):
 
     def _listen(self) -> None:
         """Subscribe to frames once everybody hears what comes of them."""
-        if not self.is_heard():
-            return
-        self._end_waiting()
-        self._incoming = self.subscribe(TactileFrame, 'frame', self._on_frame)
+        if self.is_heard():
+            self._end_waiting()
+            self._incoming = self.subscribe(TactileFrame, 'frame', self._on_frame)
 
     def _end_waiting(self) -> None:
-        """No timer runs once everybody is there, or while the node is not active."""
+        """End the timer that looks for listeners."""
         if self._waiting is not None:
             self.destroy_timer(self._waiting)
             self._waiting = None
@@ -166,7 +158,7 @@ class ContactNode(ManagedNode):
 
     def cleanup(self) -> None:
         """Let the calibration go."""
-        self._pipeline = self._loop = None
+        self._pipeline = self.loop = None
 
     def is_heard(self) -> bool:
         """Everybody who must see the first contacts is there."""
@@ -203,33 +195,32 @@ class ContactNode(ManagedNode):
             try:
                 frames.append(messages.read_frame(one, self._pipeline.layout.shape))
             except ValueError as err:
-                self._loop.statistics.refused += 1
+                self.loop.statistics.refused += 1
                 self._complain(f'{err}; the calibration is of {self._pipeline.sensor}')
-        if not frames:
-            return
         try:
             self.take(frames, message.header.frame_id)
         except Exception as err:  # frames that cannot be estimated end nothing
-            self._loop.statistics.refused += len(frames)
+            self.loop.statistics.refused += len(frames)
             self._complain(f'frame {frames[0].sequence} failed: {type(err).__name__}: {err}')
 
     def take(self, frames: Sequence[Frame], frame_id: str) -> None:
         """Process the next frames and publish for whoever listens."""
-        if not self._active:
+        if not self._active or not frames:
             return
         if self._refusal:
-            self._loop.statistics.refused += len(frames)
+            self.loop.statistics.refused += len(frames)
             return
         self._frame_id = frame_id
         now_ns = self.now_ns()
         frames = [self._times.admit(frame, now_ns) for frame in frames]
-        states = self._loop.process_all(frames)
+        states = self.loop.process_all(frames)
         if self._downstream is not None:
             self._downstream(self.topic, frames, states)
+        unknown_as = self._options.unknown_as
         for frame, state in zip(frames, states, strict=True):
             if self._contacts.get_subscription_count():
                 self._publish(frame, state)
-            self._standard.publish(frame, state, frame_id, self._pipeline, self._unknown_as)
+            self._standard.publish(frame, state, frame_id, self._pipeline, unknown_as)
 
     def _publish(self, frame: Frame, state: ContactState) -> None:
         """Publish contacts."""
@@ -249,51 +240,33 @@ class ContactNode(ManagedNode):
 
     def _on_tare(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Take the tare, or say why not."""
-        if not self._active:
-            response.message = 'tare needs an active node: activate it first'
-            return response
-        response.success, response.message = self._loop.tare()
+        response.message = 'tare needs an active node: activate it first'
+        if self._active:
+            response.success, response.message = self.loop.tare()
         return response
 
     def apply(self, changes: dict[str, object]) -> None:
         """Let the rules of the tare, and the value of the unknown, change while it runs."""
-        self._unknown_as = changes.get('unknown_as', self._unknown_as)
-        if self._loop is None:
-            return
-        if 'tare_frames' in changes:
-            self._loop.set_tare_frames(changes['tare_frames'])
-        if 'allow_tare_in_contact' in changes:
-            self._loop.tare_in_contact = changes['allow_tare_in_contact']
+        live = {name: changes[name] for name in LIVE & changes.keys()}
+        self._options = replace(self._options, **live)
+        if self.loop is not None:
+            self.loop.set_tare_frames(self._options.tare_frames)
+            self.loop.tare_in_contact = self._options.allow_tare_in_contact
 
     def diagnose(self) -> DiagnosticStatus:
         """Rate, validity, tares and what wrench says for the unknown."""
-        counts = self._loop.statistics
+        counts = self.loop.statistics
         rate = max(0, counts.frames - self._frames_before)
         self._frames_before = counts.frames
-        status = 0 if counts.state is None else int(counts.state.status)
-        level, sentence = DiagnosticStatus.OK, f'{rate} frames in the last second'
-        if self._refusal:
-            level, sentence = DiagnosticStatus.ERROR, self._refusal
-        elif not counts.frames:
-            level, sentence = DiagnosticStatus.STALE, 'no frame came yet'
-        elif not rate:
-            level, sentence = DiagnosticStatus.ERROR, 'no frame came in the last second'
-        elif status:
-            level = DiagnosticStatus.WARN
-            sentence = ' '.join([sentence, *(b.name for b in FrameStatus if status & b)])
-        wrong = [self._times.report()]
         sources = self.count_publishers('frame')
-        if sources > 1 and not self._direct:
-            wrong.append(f'{sources} publishers send {self.resolve_topic_name("frame")}')
-        if any(wrong) and level in (DiagnosticStatus.OK, DiagnosticStatus.WARN):
-            level, sentence = DiagnosticStatus.WARN, '; '.join([sentence, *filter(None, wrong)])
-        tracking = 'frozen in contact' if self._loop.is_touching else 'on'
+        level, sentence = self._judge(rate, sources)
+        tracking = 'frozen in contact' if self.loop.is_touching else 'on'
         values = {
             'rate (Hz)': rate,
             'frames': counts.frames,
             'valid': counts.valid,
             'refused': counts.refused,
-            'failed': self._loop.failures,
+            'failed': self._pipeline.failures,
             **self._times.counts,
             'publishers of frame': sources,
             'in contact': counts.in_contact,
@@ -302,10 +275,31 @@ class ContactNode(ManagedNode):
             'baseline age (s)': counts.baseline_age_s,
             'baseline tracking': tracking if self._pipeline.config.track_baseline else 'off',
             'faulty taxels': counts.faulty_taxels,
-            'unknown in wrench': self.get_parameter('unknown_as').value,
+            'unknown in wrench': self._options.unknown_as,
             'calibration': self._options.calibration or 'none',
         }
         return diagnostic('contact', sentence, values, level, self._spec.key)
+
+    def _judge(self, rate: int, sources: int) -> tuple[bytes, str]:
+        """Level and sentence for the last second, with its frames and publishers of frames."""
+        counts, wrong = self.loop.statistics, self._times.report()
+        if self._refusal:
+            return DiagnosticStatus.ERROR, self._refusal
+        if not counts.frames:
+            return DiagnosticStatus.STALE, 'no frame came yet'
+        if not rate:
+            return DiagnosticStatus.ERROR, 'no frame came in the last second'
+        flags = [bit.name for bit in FrameStatus if int(counts.state.status) & bit]
+        sentences = [' '.join([f'{rate} frames in the last second', *flags])]
+        sentences += [wrong] if wrong else []
+        if sources > 1 and not self._direct:
+            sentences.append(f'{sources} publishers send {self.resolve_topic_name("frame")}')
+        warns = flags or len(sentences) > 1
+        level = DiagnosticStatus.WARN if warns else DiagnosticStatus.OK
+        return level, '; '.join(sentences)
+
+
+LIVE = {'tare_frames', 'allow_tare_in_contact', 'unknown_as'}
 
 
 def drain_queue(subscription: Subscription, kind: type[Message]) -> Iterator[Message]:
@@ -320,8 +314,3 @@ def drain_queue(subscription: Subscription, kind: type[Message]) -> Iterator[Mes
             if taken is None:
                 return
             yield taken[0]
-
-
-def main() -> None:
-    """Run contact_node until it is told to stop."""
-    main_of(lambda: [ContactNode()], events_executor)

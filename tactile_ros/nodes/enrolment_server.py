@@ -10,13 +10,14 @@ from __future__ import annotations
 import queue
 import threading
 import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import rclpy
 from rclpy.action import ActionClient, ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
@@ -25,6 +26,7 @@ from tactile_ros.action import Enrol
 from tactile_ros.enrolment import (
     Allowed,
     ClassChange,
+    Press,
     PressWatch,
     learn,
     recording_of,
@@ -33,22 +35,16 @@ from tactile_ros.enrolment import (
 )
 from tactile_ros.errors import CalibrationError, TactileError
 from tactile_ros.msg import TactileContacts
+from tactile_ros.nodes.contact_loop import ContactLoop
 from tactile_ros.nodes.lifecycle import qos
+from tactile_ros.pipeline import Pipeline
 from tactile_ros.srv import ForgetContact
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from rclpy.action.server import ServerGoalHandle
-
-    from tactile_ros.enrolment import Press
-    from tactile_ros.nodes.contact_loop import ContactLoop
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import ContactState, Frame
+from tactile_ros.types import ContactState, Frame
 
 MOST_PRESSES = 100
 LONGEST_S = 86_400
 CLOSED = 'contact_node was deactivated'
+CANCELLED = 'cancelled'
 CANDIDATE = ' '  # under which a press is tried: no class can be named so
 INACTIVE = 'needs an active node: activate it first'
 SERVER = 'contact_node'
@@ -68,16 +64,18 @@ class EnrolRequest:
     timeout_s: float = 60.0
     replace: bool = False
 
-    def refusal(self) -> str:
-        """Why it cannot be whatever the stream; empty: it can."""
+    def check(self) -> None:
+        """Refuse what cannot be whatever the stream, by a ValueError."""
+        refuse_name(self.label)
         if not 1 <= self.presses <= MOST_PRESSES:
-            return f'presses of enrol must be 1 to {MOST_PRESSES}; received {self.presses}'
+            msg = f'presses of enrol must be 1 to {MOST_PRESSES}; received {self.presses}'
+            raise ValueError(msg)
         if not 0 < self.timeout_s <= LONGEST_S:
-            return (
+            msg = (
                 f'timeout of enrol must be above 0, at most {LONGEST_S} s; '
                 f'received {self.timeout_s:g}'
             )
-        return ''
+            raise ValueError(msg)
 
 
 @dataclass(frozen=True)
@@ -113,21 +111,19 @@ class Enrolment:
         self._thread: threading.Thread | None = None
         self._arrived: queue.SimpleQueue[Press | None] = queue.SimpleQueue()
         self._busy = self._kept = self._closed = False  # kept: too late to withdraw
-        self._withdrawn: str | None = None
+        self._withdrawn = ''  # why
         self._file_lock, self._state_lock = threading.Lock(), threading.Lock()
 
-    def refusal(self, request: EnrolRequest) -> str:
-        """Why a class cannot be enrolled now; empty: it can."""
-        try:
-            window_of(self._loop.pipeline)
-            refuse_name(request.label)
-        except ValueError as err:
-            return str(err)
+    def check(self, request: EnrolRequest) -> None:
+        """Refuse by a ValueError what cannot be enrolled now."""
+        window_of(self._loop.pipeline)
+        request.check()
         if not self._path:
-            return 'enrol needs a calibration file to keep it in: set calibration'
+            msg = 'enrol needs a calibration file to keep it in: set calibration'
+            raise ValueError(msg)
         if self._busy:
-            return 'another class is being enrolled: wait for it, or cancel it'
-        return request.refusal()
+            msg = 'another class is being enrolled: wait for it, or cancel it'
+            raise ValueError(msg)
 
     def begin(
         self,
@@ -135,12 +131,12 @@ class Enrolment:
         on_press: Callable[[int, str], None],
         on_end: Callable[[EnrolResult], None],
     ) -> None:
-        """Collect presses from the next rest on, for a request that `refusal` lets pass.
+        """Collect presses from the next rest on, for a request that `check` lets pass.
 
         In a thread of its own `on_press` takes how many presses there are and a sentence, and
         `on_end` how it ended.
         """
-        self._busy, self._withdrawn, self._kept = True, None, False
+        self._busy, self._withdrawn, self._kept = True, '', False
         arrived = self._arrived = queue.SimpleQueue()
         detect = PressWatch(window_of(self._loop.pipeline))
 
@@ -151,9 +147,10 @@ class Enrolment:
 
         def work() -> None:
             try:
-                result = self._collect(request, on_press)
+                result = self._learn(request, self._collect(request, on_press))
             except Exception as err:  # whoever asked must hear the end
-                result = EnrolResult(False, _sentence(err))
+                said = _sentence(err)
+                result = EnrolResult(False, said, cancelled=said == CANCELLED)
             self._loop.observe(None)
             with self._state_lock:
                 self._busy = False
@@ -163,16 +160,12 @@ class Enrolment:
         self._thread = threading.Thread(target=work, name='enrol', daemon=True)
         self._thread.start()
 
-    def cancel(self, reason: str = '') -> bool:
-        """End the enrolment, and whether it could be: not while its class is written, nor after.
-
-        A reason says that nobody asked for it.
-        """
+    def cancel(self, reason: str = CANCELLED) -> bool:
+        """End the enrolment; False where its class is being written, or is already."""
         with self._state_lock:
             if not self._busy or self._kept:
                 return False
-            if self._withdrawn is None:
-                self._withdrawn = reason
+            self._withdrawn = self._withdrawn or reason
         self._arrived.put(None)
         return True
 
@@ -184,8 +177,8 @@ class Enrolment:
         with self._file_lock:
             self._closed = True
 
-    def _collect(self, request: EnrolRequest, on_press: Callable[[int, str], None]) -> EnrolResult:
-        """Collect presses one after the other, and learn once there are enough."""
+    def _collect(self, request: EnrolRequest, on_press: Callable[[int, str], None]) -> list[Press]:
+        """Presses that are of use, one after the other, until there are enough."""
         end = time.monotonic() + request.timeout_s
         trial = self._read()
         presses: list[Press] = []
@@ -198,20 +191,15 @@ class Enrolment:
                     f'{len(presses)} of {request.presses} presses of {request.label!r} came '
                     f'within {request.timeout_s:g} s'
                 )
-                if refused:
-                    said += f'; the last one was refused: {refused}'
-                return EnrolResult(False, said)
+                said += f'; the last one was refused: {refused}' if refused else ''
+                raise TactileError(said) from None
             if press is None:
-                return self._given_up()
+                raise TactileError(self._withdrawn)
             refused = _fault(trial, press)
             if not refused:
                 presses.append(press)
             on_press(len(presses), refused or f'press {len(presses)} of {request.presses} taken')
-        return self._learn(request, presses)
-
-    def _given_up(self) -> EnrolResult:
-        """Withdrawn by whoever asked, or for a reason."""
-        return EnrolResult(False, self._withdrawn or 'cancelled', cancelled=not self._withdrawn)
+        return presses
 
     def _learn(self, request: EnrolRequest, presses: list[Press]) -> EnrolResult:
         """Enrol the class into the file, then into the stream."""
@@ -220,9 +208,9 @@ class Enrolment:
             support = recording_of(pipeline.layout, presses)
             said = learn(pipeline, request.label, support, request.replace, self._allowed)
             with self._state_lock:
-                self._kept = self._withdrawn is None
+                self._kept = not self._withdrawn
             if not self._kept:
-                return self._given_up()
+                raise TactileError(self._withdrawn)
             index = pipeline.label_names.index(request.label)
             ends = [(press.frames[0].stamp_ns, press.frames[-1].stamp_ns) for press in presses]
             stamps = tuple((first or 0, last or 0) for first, last in ends)
@@ -230,7 +218,7 @@ class Enrolment:
         return EnrolResult(True, f'{said}; label {index}, kept in {self._path}', index)
 
     def forget(self, label: str) -> tuple[bool, str]:
-        """Undo an enrolment in the file and in the stream: whether it was, and a sentence."""
+        """Undo an enrolment in the file and in the stream: True and a sentence, or why not."""
         if not self._path:
             return False, 'forget needs a calibration file: set calibration'
         try:
@@ -267,7 +255,7 @@ class Enrolment:
 
 
 def _fault(trial: Pipeline, press: Press) -> str:
-    """Why a press is of no use; empty: it is."""
+    """Fault of a press that is of no use; empty: it is of use."""
     try:
         trial.enrol(recording_of(trial.layout, [press]), CANDIDATE)
     except ValueError as err:
@@ -277,7 +265,7 @@ def _fault(trial: Pipeline, press: Press) -> str:
 
 
 def _sentence(err: Exception) -> str:
-    """Why something failed; an unforeseen error also by its kind."""
+    """Sentence of an error; an unforeseen one also by its kind."""
     foreseen = isinstance(err, (TactileError, ValueError, OSError))
     return str(err) if foreseen else f'{type(err).__name__}: {err}'
 
@@ -291,15 +279,15 @@ class EnrolmentServer:
     def __init__(self, node: Node) -> None:
         self.enrolment: Enrolment | None = None
         self._node = node
-        self._results: dict[bytes, EnrolResult] = {}
-        self._current = b''
+        self._current: ServerGoalHandle | None = None
         self._action = ActionServer(
             node, Enrol, '~/enrol',
-            execute_callback=self._execute,
+            execute_callback=lambda _: None,  # each goal brings its own
             handle_accepted_callback=self._on_accepted,
             cancel_callback=self._on_cancel,
         )  # fmt: skip
         self._service = node.create_service(ForgetContact, '~/forget', self._on_forget)
+        self.destroy = self._action.destroy
 
     def close(self) -> None:
         """End an enrolment under way; nothing is served until there is another one."""
@@ -307,46 +295,41 @@ class EnrolmentServer:
         if enrolment is not None:
             enrolment.close()
 
-    def destroy(self) -> None:
-        """End the action."""
-        self._action.destroy()
-
     def _on_accepted(self, handle: ServerGoalHandle) -> None:
         """Begin; the goal is executed once its result is known, since awaiting one polls."""
         goal, enrolment = handle.request, self.enrolment
         request = EnrolRequest(goal.label, goal.presses or 1, goal.timeout, goal.replace)
-        reason = f'enrol {INACTIVE}' if enrolment is None else enrolment.refusal(request)
-        if reason:
-            self._end(handle, EnrolResult(False, reason))
+        end = partial(self._end, handle)
+        if enrolment is None:
+            end(EnrolResult(False, f'enrol {INACTIVE}'))
             return
-        self._current = bytes(handle.goal_id.uuid)
+        try:
+            enrolment.check(request)
+        except ValueError as err:
+            end(EnrolResult(False, str(err)))
+            return
+        self._current = handle
 
         def tell(presses: int, message: str) -> None:
             handle.publish_feedback(Enrol.Feedback(presses=presses, message=message))
 
-        enrolment.begin(request, tell, partial(self._end, handle))
+        enrolment.begin(request, tell, end)
 
     def _on_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         """End the enrolment, unless its class is being written or is known."""
-        current = self.enrolment is not None and bytes(handle.goal_id.uuid) == self._current
+        current = self.enrolment is not None and handle is self._current
         ended = current and self.enrolment.cancel()
         return CancelResponse.ACCEPT if ended else CancelResponse.REJECT
 
     def _end(self, handle: ServerGoalHandle, result: EnrolResult) -> None:
         """Let the executor answer."""
-        self._results[bytes(handle.goal_id.uuid)] = result
-        handle.execute()
 
-    def _execute(self, handle: ServerGoalHandle) -> Enrol.Result:
-        """Answer with the result, which is there."""
-        result = self._results.pop(bytes(handle.goal_id.uuid))
-        if result.success:
-            handle.succeed()
-        elif result.cancelled:
-            handle.canceled()
-        else:
-            handle.abort()
-        return Enrol.Result(success=result.success, message=result.message, index=result.index)
+        def answer(_: ServerGoalHandle) -> Enrol.Result:
+            finish = handle.canceled if result.cancelled else handle.abort
+            (handle.succeed if result.success else finish)()
+            return Enrol.Result(success=result.success, message=result.message, index=result.index)
+
+        handle.execute(answer)
 
     async def _on_forget(
         self, request: ForgetContact.Request, response: ForgetContact.Response
@@ -409,7 +392,7 @@ class EnrolmentClient:
         self._require(self._action.wait_for_server(PATIENCE_S), 'enrol')
 
     def forget(self, label: str) -> tuple[bool, str]:
-        """Undo an enrolment; whether it was, and a sentence."""
+        """Undo an enrolment: True and a sentence, or why not."""
         self._require(self._service.wait_for_service(PATIENCE_S), 'forget')
         request = ForgetContact.Request(label=label)
         answer = self._answer(self._service.call_async(request), ANSWER_S)

@@ -12,16 +12,14 @@ import re
 import shutil
 import sys
 import tempfile
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from tactile_ros.hands import list_hands, load_hand
 from tactile_ros.sensors import list_sensors, load_sensor
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
 
 PACKAGE = 'tactile_ros'
 PORT = '/dev/ttyACM0'
@@ -31,6 +29,8 @@ MOST_CHARACTERS = 200
 
 Value = bool | int | float | str | list[float] | list[str]
 SOURCES = ('hardware', 'recorded', 'simulated')
+# choices of a hand that hold for its sensors too
+SHARED = ('params_file', 'use_sim_time', 'autostart', 'sensor', 'source', 'stack')
 T = TypeVar('T')
 
 
@@ -100,16 +100,13 @@ class Graph:
 
     def __getitem__(self, executable: str) -> Process:
         """Process of an executable; KeyError if it is not part."""
-        for process in self.processes:
-            if process.executable == executable:
-                return process
-        raise KeyError(executable)
+        return {process.executable: process for process in reversed(self.processes)}[executable]
 
     def name_of(self, process: Process) -> str:
         """Executable of a process, after its namespace where several run the same."""
         same = [other for other in self.processes if other.executable == process.executable]
-        space = process.namespace.strip('/')
-        return process.executable if len(same) < 2 else f'{space}/{process.executable}'
+        space = f'{process.namespace.strip("/")}/' if len(same) > 1 else ''
+        return space + process.executable
 
     def with_parameters(self, node: str, values: Mapping[str, Value]) -> Graph:
         """The same graph with further parameters of one node; KeyError if none has that node."""
@@ -118,6 +115,11 @@ class Graph:
             raise KeyError(node)
         changed = replace(home, parameters={**home.parameters, **values})
         return Graph(tuple(changed if p is home else p for p in self.processes))
+
+
+def parted(text: str) -> list[str]:
+    """Names in a text that are parted by commas."""
+    return [name.strip() for name in text.split(',') if name.strip()]
 
 
 def choice(default: T, text: str, choices: Sequence[str] = ()) -> T:
@@ -214,7 +216,7 @@ class HandSetup(Everywhere):
     def sensors(self) -> list[str]:
         """Names of the sensors that take part; ValueError if the hand carries no such one."""
         carried = [name for f in load_hand(self.hand).fingers.values() for name in f.sensors]
-        wanted = [name.strip() for name in self.fingers.split(',') if name.strip()]
+        wanted = parted(self.fingers)
         if not set(wanted) <= set(carried):
             msg = f'fingers must be of {", ".join(carried)}; received {self.fingers!r}'
             raise ValueError(msg)
@@ -222,28 +224,21 @@ class HandSetup(Everywhere):
 
     def finger_setups(self) -> list[SensorSetup]:
         """Graph of the sensor of each finger."""
-        ports = [port.strip() for port in self.ports.split(',') if port.strip()]
+        ports = parted(self.ports)
         real = ports or (self.source == 'hardware' and not self.params_file)
-        setups = []
-        for i, name in enumerate(self.sensors()):
-            own = ports[i] if i < len(ports) else PORT[:-1] + str(i)
-            file = str(Path(self.calibrations) / f'{name}.npz') if self.calibrations else ''
-            setups.append(
-                SensorSetup(
-                    namespace='/'.join(filter(None, (self.namespace.strip('/'), name))),
-                    params_file=self.params_file,
-                    use_sim_time=self.use_sim_time,
-                    autostart=self.autostart,
-                    sensor=self.sensor,
-                    source=self.source,
-                    port=own if real else PORT,
-                    calibration=file,
-                    stack=self.stack,
-                    seed=self.seed + i,
-                    frame_id=f'{name}_tactile_link',
-                )
+        names = self.sensors()
+        own = [*ports, *(PORT[:-1] + str(i) for i in range(len(ports), len(names)))]
+        below, files = self.namespace.strip('/'), self.calibrations
+        common = {name: getattr(self, name) for name in SHARED}
+        return [
+            SensorSetup(
+                **{**common, 'namespace': f'{below}/{name}'.lstrip('/'), 'seed': self.seed + i},
+                port=own[i] if real else PORT,
+                calibration=str(Path(files) / f'{name}.npz') if files else '',
+                frame_id=f'{name}_tactile_link',
             )
-        return setups
+            for i, name in enumerate(names)
+        ]
 
 
 @dataclass(frozen=True)
@@ -262,8 +257,8 @@ class BagPlayback(Everywhere):
     @property
     def topics(self) -> tuple[str, ...]:
         """Topics that are played: frames and layout; everything else is said anew."""
-        space = self.namespace.strip('/')
-        return tuple(f'/{space}/{leaf}'.replace('//', '/') for leaf in ('frame', 'layout'))
+        space = f'/{self.namespace.strip("/")}'.rstrip('/')
+        return f'{space}/frame', f'{space}/layout'
 
     def command(self) -> list[str]:
         """Command line of the player, which publishes /clock; ValueError where it cannot be."""
@@ -303,17 +298,27 @@ def sensing(setup: SensorSetup) -> Graph:
     for those who hear it, sensor_node for those who hear it, and the player for all of them.
     """
     recorded = setup.source == 'recorded'
-    listeners = int(bool(setup.bag)) + int(recorded)
-    contact = {**setup.chosen('sensor', 'calibration'), 'listeners': listeners}
+    recorders = int(bool(setup.bag))
+    contact = {**setup.chosen('sensor', 'calibration'), 'listeners': recorders + recorded}
     sensor = {
         **setup.chosen('sensor', 'frame_id'),
         **({'port': setup.place} if setup.place != PORT else {}),
-        'listeners': listeners + int(not setup.stack),
+        'listeners': recorders + recorded + int(not setup.stack),
     }
+    player: dict[str, Value] = {}
     if recorded:
         # A recording has one resting row before a touch, and a hand that is known to be open.
         contact.update(tare_frames=1, allow_tare_in_contact=True)
         sensor.update(temperature_measured=False, discard_stale=False)
+        player = {
+            **setup.chosen('sensor'),
+            'recording': setup.recording,
+            'port': setup.place,
+            'speed_up': float(setup.speed_up),
+            'tare': setup.tare,
+            'loop': setup.loop,
+            'listeners': recorders,
+        }
     if setup.source == 'simulated':
         sensor.update(simulated=True, **setup.chosen('seed', 'fault'))
     processes = [Process('record', {'bag': setup.bag})] if setup.bag else []
@@ -321,17 +326,7 @@ def sensing(setup: SensorSetup) -> Graph:
         processes.append(Process('stack', {**contact, **sensor}))
     else:
         processes += [Process('contact_node', contact), Process('sensor_node', sensor)]
-    if recorded:
-        values: dict[str, Value] = {
-            **setup.chosen('sensor'),
-            'recording': setup.recording,
-            'port': setup.place,
-            'speed_up': float(setup.speed_up),
-            'tare': setup.tare,
-            'loop': setup.loop,
-            'listeners': int(bool(setup.bag)),
-        }
-        processes.append(Process('player', values))
+    processes += [Process('player', player)] if recorded else []
     return Graph(tuple(setup.placed(process) for process in processes))
 
 
@@ -353,17 +348,16 @@ def stack_of(setup: HandSetup) -> list[Process]:
 
 def grasping(setup: HandSetup) -> Graph:
     """The sensors of every finger, grip_node, and a fake hand where asked."""
-    own = []
-    sensors = setup.sensors()
+    sensors, processes = setup.sensors(), []
     if setup.mock_hand:
         hand: dict[str, Value] = {'hand': setup.hand}
         if setup.source == 'simulated' and has_port(setup.sensor):
             places = [str(private_folder() / f'pressed_{name}') for name in sensors]
             hand.update(sensor=setup.sensor, fingers=sensors, ports=places, seed=setup.seed)
             setup = replace(setup, source='hardware', ports=','.join(places))
-        own.append(Process('mock_hand', hand))
+        processes.append(Process('mock_hand', hand))
     grip: dict[str, Value] = {'hand': setup.hand}
-    if setup.fingers.strip(', '):
+    if parted(setup.fingers):
         grip['fingers'] = sensors
     grip.update(setup.chosen('use_robot_description', 'wait_for_robot_description'))
     fingers = setup.finger_setups()
@@ -372,8 +366,8 @@ def grasping(setup: HandSetup) -> Graph:
         ports = [finger.place for finger in fingers]
         if setup.source != 'simulated' and set(ports) != {PORT}:
             grip['ports'] = ports
-    own.append(Process('stack' if setup.stack else 'grip_node', grip))
-    processes = [setup.placed(process) for process in own]
+    processes.append(Process('stack' if setup.stack else 'grip_node', grip))
+    processes = [setup.placed(process) for process in processes]
     for finger in fingers:
         processes += [p for p in sensing(finger).processes if p.executable != 'stack']
     return Graph(tuple(processes))

@@ -36,7 +36,7 @@ from tactile_ros.messages import packed, stamp_ns, vector
 from tactile_ros.msg import GripState, TactileContacts
 from tactile_ros.nodes.grasp_server import GraspServer
 from tactile_ros.nodes.grip_loop import LATE, GripLoop, StampAge, StepTrigger
-from tactile_ros.nodes.lifecycle import ManagedNode, diagnostic, events_executor, main_of, qos
+from tactile_ros.nodes.lifecycle import ManagedNode, diagnostic, qos
 from tactile_ros.nodes.parameters import GripOptions
 from tactile_ros.types import FrameStatus, GripCommand
 
@@ -550,8 +550,3 @@ class GripNode(ManagedNode):
         return self._diagnosed.status(
             self._hand.name, self._config, self._enabled, self._grasps.is_busy, self.missing
         )
-
-
-def main() -> None:
-    """Run grip_node until it is told to stop."""
-    main_of(lambda: [GripNode()], events_executor)

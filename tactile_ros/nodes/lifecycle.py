@@ -7,32 +7,28 @@ import sys
 import threading
 import time
 import traceback
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, TypeVar
+from typing import NoReturn, TypeVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidParameterValueException, ParameterException
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 from rclpy.utilities import try_shutdown
 
 from tactile_ros.errors import TactileError
 from tactile_ros.nodes.parameters import Schema
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-
-    from rclpy.executors import Executor
-    from rclpy.parameter import Parameter
-    from rclpy.publisher import Publisher
-    from rclpy.subscription import Subscription
-    from rclpy.timer import Timer
 
 T = TypeVar('T')
 SUCCESS = TransitionCallbackReturn.SUCCESS
@@ -43,6 +39,10 @@ DRAIN_S = 3.0
 APPLIES_AFTERWARDS = hasattr(LifecycleNode, 'add_post_set_parameters_callback')
 # a recorder must get every baseline, also of tares that follow one another closely
 LATCHED_DEPTHS = {'layout': 1, 'baseline': 100, 'calibration': 1, 'robot_description': 1}
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+REFUSED = (  # RuntimeError: what rcl refuses, such as a name
+    TactileError, ValueError, RuntimeError, ParameterException, InvalidParameterValueException,
+)  # fmt: skip
 
 
 def qos(topic: str = '', depth: int = 1000) -> QoSProfile:
@@ -51,12 +51,10 @@ def qos(topic: str = '', depth: int = 1000) -> QoSProfile:
     A profile is made anew for each use: rclpy writes what a parameter overrides into it.
     """
     latched = topic in LATCHED_DEPTHS
-    durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
     return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
         depth=LATCHED_DEPTHS.get(topic, depth),
         reliability=ReliabilityPolicy.RELIABLE,
-        durability=durability,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
 
 
@@ -68,11 +66,12 @@ class ManagedNode(LifecycleNode):
     are ROS arguments for this node alone, which win over those of its process.
     """
 
+    needs_receive_times = False  # the executor of events cannot give them
+
     def __init__(self, name: str, arguments: Sequence[str] = ()) -> None:
         super().__init__(name, cli_args=['--ros-args', *arguments] if arguments else None)
         self._schemas: list[Schema[object]] = []
-        self._configured = False
-        self.is_configuring = False
+        self._configured = self.is_configuring = False
         self._timer: Timer | None = None
         self._inputs: list[Subscription] = []
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -90,11 +89,11 @@ class ManagedNode(LifecycleNode):
         if first:
             self.add_on_set_parameters_callback(self._on_set_parameters)
             if APPLIES_AFTERWARDS:
-                self.add_post_set_parameters_callback(self._on_parameters_set)
+                self.add_post_set_parameters_callback(lambda given: self.apply(_values(given)))
 
     def _on_set_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         """Validate; nothing takes effect here."""
-        wanted = {p.name: p.value for p in parameters}
+        wanted = _values(parameters)
         try:
             for schema in self._schemas:
                 schema.validate(self, wanted, self._configured)
@@ -104,10 +103,6 @@ class ManagedNode(LifecycleNode):
         if not APPLIES_AFTERWARDS:
             self.apply(wanted)
         return SetParametersResult(successful=True)
-
-    def _on_parameters_set(self, parameters: Sequence[Parameter]) -> None:
-        """Let accepted values take effect."""
-        self.apply({p.name: p.value for p in parameters})
 
     def options(self, kind: type[T]) -> T:
         """Parameters in the dataclass that declared them."""
@@ -129,13 +124,9 @@ class ManagedNode(LifecycleNode):
         raw: bool = False,
     ) -> Subscription:
         """Subscription that ends with deactivate; its QoS can be overridden."""
+        overridable = QoSOverridingOptions.with_default_policies()
         made = self.create_subscription(
-            kind,
-            topic,
-            callback,
-            qos(topic, depth),
-            raw=raw,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            kind, topic, callback, qos(topic, depth), raw=raw, qos_overriding_options=overridable
         )
         self._inputs.append(made)
         return made
@@ -170,11 +161,6 @@ class ManagedNode(LifecycleNode):
         """Messages may wait that must be taken before the process ends."""
         return False
 
-    @property
-    def is_over(self) -> bool:
-        """Shut down already."""
-        return bool(self._state_machine.current_state[1] == 'finalized')
-
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Run configure; a refusal is logged as one sentence."""
         self.is_configuring = True
@@ -207,20 +193,19 @@ class ManagedNode(LifecycleNode):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Back to unconfigured."""
-        return super().on_cleanup(state) if self._cleaned_up() else FAILURE
+        return super().on_cleanup(state) if self._is_cleaned_up() else FAILURE
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """From any state to the end."""
-        self._stop()
-        return super().on_shutdown(state) if self._cleaned_up() else FAILURE
+        return super().on_shutdown(state) if self._is_cleaned_up() else FAILURE
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Recover to unconfigured."""
-        self._stop()
-        return super().on_error(state) if self._cleaned_up() else FAILURE
+        return super().on_error(state) if self._is_cleaned_up() else FAILURE
 
-    def _cleaned_up(self) -> bool:
-        """Give back what configure took; whether that went well."""
+    def _is_cleaned_up(self) -> bool:
+        """Stop and give back what configure took; False where that failed."""
+        self._stop()
         done = self._tried(self.cleanup)
         self._configured = self._configured and not done
         return done
@@ -229,11 +214,9 @@ class ManagedNode(LifecycleNode):
         """Run a step; what it refuses is logged as its sentence."""
         try:
             step()
-        except (TactileError, ValueError, OSError) as err:
-            self.get_logger().error(str(err))
-            return False
-        except Exception:  # rclpy would swallow it
-            self.get_logger().error(traceback.format_exc())
+        except Exception as err:  # rclpy would swallow it
+            foreseen = isinstance(err, (TactileError, ValueError, OSError))
+            self.get_logger().error(str(err) if foreseen else traceback.format_exc())
             return False
         return True
 
@@ -257,8 +240,7 @@ class ManagedNode(LifecycleNode):
         except Exception as err:  # what cannot be told must not end the node
             status = DiagnosticStatus(level=DiagnosticStatus.ERROR, name='diagnostics')
             status.message = f'{type(err).__name__}: {err}'
-        place = f'{self.get_namespace()}/{self.get_name()}'.replace('//', '/').lstrip('/')
-        status.name = f'{place}: {status.name}'
+        status.name = f'{self.get_fully_qualified_name().lstrip("/")}: {status.name}'
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
@@ -269,6 +251,16 @@ class ManagedNode(LifecycleNode):
         if clock.ros_time_is_active:
             return int(clock.now().nanoseconds)
         return time.time_ns()  # the same clock, without three objects made for it
+
+    def end(self) -> None:
+        """Bring the node to its end from whatever state it is in."""
+        if self._state_machine.current_state[1] != 'finalized':
+            self.trigger_shutdown()
+        self.destroy_node()
+
+
+def _values(parameters: Sequence[Parameter]) -> dict[str, object]:
+    return {parameter.name: parameter.value for parameter in parameters}
 
 
 def diagnostic(
@@ -300,19 +292,15 @@ def start(nodes: Iterable[ManagedNode]) -> None:
             return
 
 
-def run(
-    build: Callable[[], Sequence[ManagedNode]],
-    args: Sequence[str] | None = None,
-    serve: Callable[[], Executor] = SingleThreadedExecutor,
-) -> int:
-    """Run nodes until SIGINT or SIGTERM, or until one has finished; return the exit code.
+def run(build: Callable[[], ManagedNode | Sequence[ManagedNode]]) -> NoReturn:
+    """Run nodes until SIGINT or SIGTERM, or until one has finished, and end the process.
 
-    `build` makes the nodes and `serve` the executor once rclpy is there. The code is 0 after a
-    signal, that of a node that finished, 2 when a parameter cannot be.
+    `build` makes the nodes once rclpy is there. The exit code is 0 after a signal, that of a node
+    that finished, 2 when a parameter cannot be.
     """
     # A handler of ours: the context stays usable for the last words after Ctrl-C.
     try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     except Exception as err:  # of several private classes: a file or an argument that cannot be
         sys.exit(f'the ROS arguments cannot be read: {err}')
     # No Event: its lock would wait for itself where a second signal interrupts the first.
@@ -324,31 +312,36 @@ def run(
         if any(node.is_configuring for node in nodes):  # a calibration may take seconds to load
             raise KeyboardInterrupt
 
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in SIGNALS:
         signal.signal(number, stop)
     try:
-        nodes += build()
-    except (  # RuntimeError: what rcl refuses, such as a name
-        TactileError, ValueError, RuntimeError, ParameterException, InvalidParameterValueException,
-    ) as err:  # fmt: skip
+        made = build()
+    except REFUSED as err:
         rclpy.logging.get_logger('tactile_ros').fatal(str(err))
         try_shutdown()
-        return 2
-    executor = serve()
+        sys.exit(2)
+    nodes += made if isinstance(made, Sequence) else [made]
+    plain = any(node.needs_receive_times for node in nodes)
+    executor = SingleThreadedExecutor() if plain else events_executor()
     for node in nodes:
         executor.add_node(node)
     try:
         start(nodes)
         spin(executor, lambda: bool(stopped) or any(node.finished.is_set() for node in nodes))
-        drain(executor, nodes)
+        # what waits for a node that must not lose it
+        deadline = time.monotonic() + DRAIN_S
+        while any([node.lags() for node in nodes]) and time.monotonic() < deadline:
+            executor.spin_once(timeout_sec=0.2)
     finally:
         for node in reversed(nodes):
-            end(node)
+            node.end()
         executor.shutdown()
         # not rclpy.shutdown: to take off its handlers, which were never there, it sets the
         # default for a moment, in which a second signal would kill
         try_shutdown()
-    return 0 if stopped else max(node.exit_code for node in nodes)
+    for number in SIGNALS:  # Python's end would let another one kill
+        signal.signal(number, signal.SIG_IGN)
+    sys.exit(0 if stopped else max(node.exit_code for node in nodes))
 
 
 def events_executor() -> Executor:
@@ -373,28 +366,3 @@ def spin(executor: Executor, done: Callable[[], bool]) -> None:
             if not rclpy.ok():
                 raise
             rclpy.logging.get_logger('tactile_ros').error(traceback.format_exc())
-
-
-def drain(executor: Executor, nodes: Sequence[ManagedNode]) -> None:
-    """Take what waits for a node that must not lose it, for a few seconds at most."""
-    deadline = time.monotonic() + DRAIN_S
-    while any([node.lags() for node in nodes]) and time.monotonic() < deadline:
-        executor.spin_once(timeout_sec=0.2)
-
-
-def end(node: ManagedNode) -> None:
-    """Bring a node to its end from whatever state it is in."""
-    if not node.is_over:
-        node.trigger_shutdown()
-    node.destroy_node()
-
-
-def main_of(
-    build: Callable[[], Sequence[ManagedNode]],
-    serve: Callable[[], Executor] = SingleThreadedExecutor,
-) -> None:
-    """Entry point of an executable."""
-    code = run(build, serve=serve)
-    for number in (signal.SIGINT, signal.SIGTERM):  # Python's end would let another one kill
-        signal.signal(number, signal.SIG_IGN)
-    sys.exit(code)

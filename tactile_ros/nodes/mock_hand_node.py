@@ -25,7 +25,7 @@ from tactile_ros.hands.drivers import in_order, read_command
 from tactile_ros.hands.joints import taking_part
 from tactile_ros.nodes.graph import has_port
 from tactile_ros.nodes.grip_node import MESSAGES
-from tactile_ros.nodes.lifecycle import ManagedNode, diagnostic, main_of, qos
+from tactile_ros.nodes.lifecycle import ManagedNode, diagnostic, qos
 from tactile_ros.nodes.parameters import MockHandOptions
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Closing
@@ -281,8 +281,3 @@ class MockHandNode(ManagedNode):
         values = {**values, 'refused': self.refused, 'silenced': self._silenced}
         about = f'a fake of {self._hand.name}'
         return diagnostic('mock hand', about, values, hardware_id=self._hand.name)
-
-
-def main() -> None:
-    """Run mock_hand until it is told to stop."""
-    main_of(lambda: [MockHandNode()])

@@ -7,19 +7,16 @@ flattened row by row. A value that is not known (None) is NaN for a number, empt
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import Field, dataclass, field, fields, replace
 from math import inf
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.node import Node
 
 from tactile_ros.enrolment import Allowed
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from rclpy.node import Node
 
 T = TypeVar('T')
 Value = Any  # what ROS holds: a scalar, an array, or None
@@ -222,33 +219,26 @@ class PlayerOptions(NodeOptions):
     patience_s: float = parameter(30.0, 'longest wait for the graph', unit='s', range=(0.1, 1e6))
 
 
-@dataclass(frozen=True)
 class Entry:
-    """One dataclass field as a ROS parameter.
+    """One dataclass field as a ROS parameter; ValueError where it is none.
 
     An array is flattened, its elements are of `kind` and its trailing shape is `tail`; an optional
     one may be unknown.
     """
 
-    name: str
-    kind: type
-    array: bool
-    optional: bool
-    tail: tuple[int, ...]
-    default: object
-    metadata: Mapping[str, Any]
-
-    @classmethod
-    def of(cls, field: Field[Any], value: object) -> Entry | None:
-        """Entry of a field; None where a field is no number, text or array of numbers."""
-        text = field.type if isinstance(field.type, str) else field.type.__name__
-        array = 'Array' in text or 'tuple' in text.lower()
-        name = 'float' if array else text.split('|')[0].strip()
-        kind = str if 'str' in text and array else KINDS.get(name)
-        if kind is None:
-            return None
-        tail = np.shape(value)[1:] if value is not None else TAILS.get(field.name, ())
-        return cls(field.name, kind, array, 'None' in text, tail, value, field.metadata)
+    def __init__(self, about: Field[Any], default: object) -> None:
+        text = about.type if isinstance(about.type, str) else about.type.__name__
+        self.array = 'Array' in text or 'tuple' in text.lower()
+        name = 'float' if self.array else text.split('|')[0].strip()
+        if name not in KINDS:
+            msg = f'{about.name} is no number, text or array of them'
+            raise ValueError(msg)
+        self.kind = str if 'str' in text and self.array else KINDS[name]
+        self.optional = 'None' in text
+        self.tail = TAILS.get(about.name, ()) if default is None else np.shape(default)[1:]
+        self.name, self.default, self.metadata = about.name, default, about.metadata
+        self.bounds = None if self.kind is str else about.metadata.get('range')
+        self.choices, self.unit = about.metadata.get('choices'), about.metadata.get('unit')
 
     @property
     def ros_default(self) -> Value:
@@ -265,23 +255,22 @@ class Entry:
         when = 'read at start' if about.get('read_only') else 'read at configure'
         parts = [
             about.get('help', self.name),
-            f'unit {about["unit"]}' if about.get('unit') else '',
-            f'one of {", ".join(about["choices"])}' if about.get('choices') else '',
+            f'unit {self.unit}' if self.unit else '',
+            f'one of {", ".join(self.choices)}' if self.choices else '',
             'may change any time' if about.get('live') else when,
         ]
         described = ParameterDescriptor(
-            description='; '.join(part for part in parts if part),
+            description='; '.join(filter(None, parts)),
             read_only=bool(about.get('read_only')),
             # so that 100 is taken where 100.0 is meant, and [] where numbers may follow
             dynamic_typing=True,
         )
-        bounds = about.get('range')
-        if bounds is not None and not self.array and not self.optional:
-            low, high = map(self.kind, bounds)
+        if self.bounds is not None and not self.array and not self.optional:
+            low, high = map(self.kind, self.bounds)
             if self.kind is float:
                 span = FloatingPointRange(from_value=low, to_value=high)
                 described.floating_point_range = [span]
-            elif self.kind is int:
+            else:
                 described.integer_range = [IntegerRange(from_value=low, to_value=high)]
         return described
 
@@ -296,22 +285,18 @@ class Entry:
             raise ValueError(msg)
         if self.optional and (value == '' or value != value):  # noqa: PLR0124
             return None
+        if self.choices and value not in self.choices:
+            msg = f'{self.name} must be one of {", ".join(self.choices)}; received {value!r}'
+            raise ValueError(msg)
         self._check_bounds(value)
         return value
 
     def _check_bounds(self, value: Value) -> None:
-        """Refuse what is out of range, of an array any element, or no choice."""
-        choices = self.metadata.get('choices')
-        if choices and value not in choices:
-            msg = f'{self.name} must be one of {", ".join(choices)}; received {value!r}'
-            raise ValueError(msg)
-        bounds = self.metadata.get('range')
-        if bounds is None or self.kind is str:
-            return
-        lo, hi = bounds
-        if not (lo <= np.min(value) and np.max(value) <= hi):
-            unit = f' {self.metadata["unit"]}' if self.metadata.get('unit') else ''
-            msg = f'{self.name} must lie in {lo} to {hi}{unit}; received {value}'
+        """Refuse what is out of range, of an array any element."""
+        low, high = self.bounds or (-inf, inf)
+        if self.bounds and not (low <= np.min(value) and np.max(value) <= high):
+            unit = f' {self.unit}' if self.unit else ''
+            msg = f'{self.name} must lie in {low} to {high}{unit}; received {value}'
             raise ValueError(msg)
 
     def _check_array(self, value: Value) -> object:
@@ -336,9 +321,10 @@ class Schema(Generic[T]):
 
     def __init__(self, defaults: T) -> None:
         self.defaults = defaults
-        pairs = [(f, getattr(defaults, f.name)) for f in fields(defaults)]  # type: ignore[arg-type]
-        entries = [Entry.of(field, value) for field, value in pairs]
-        self.entries = {entry.name: entry for entry in entries if entry is not None}
+        self.entries: dict[str, Entry] = {}
+        for about in fields(defaults):  # type: ignore[arg-type]
+            with suppress(ValueError):
+                self.entries[about.name] = Entry(about, getattr(defaults, about.name))
 
     def declare(self, node: Node) -> None:
         """Declare every field; rclpy refuses a name that another dataclass has already."""
@@ -365,5 +351,4 @@ class Schema(Generic[T]):
             msg = f'{fixed[0]} is read at configure: deactivate and clean up first'
             raise ValueError(msg)
         if own:
-            now = {name: node.get_parameter(name).value for name in self.entries}
-            self.build({**now, **own})
+            self.build({name: node.get_parameter(name).value for name in self.entries} | own)

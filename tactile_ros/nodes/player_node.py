@@ -11,33 +11,28 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.client import Client
 from std_srvs.srv import Trigger
 
 from tactile_ros import messages
 from tactile_ros.devices.reskin_protocol import encode, readings, words
-from tactile_ros.devices.simulated_serial import Player, SimulatedSerialPort
+from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 from tactile_ros.errors import DeviceError, DeviceTimeout, TactileError
 from tactile_ros.evaluation.recording_files import load_recording
 from tactile_ros.msg import TactileContacts, TactileFrame
 from tactile_ros.nodes.graph import SIMULATED_PORT, private_folder
-from tactile_ros.nodes.lifecycle import ManagedNode, diagnostic, main_of
+from tactile_ros.nodes.lifecycle import ManagedNode, diagnostic
 from tactile_ros.nodes.parameters import PlayerOptions
 from tactile_ros.nodes.standard_messages import TruthMessages
 from tactile_ros.sensors import load_sensor
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from diagnostic_msgs.msg import DiagnosticStatus
-    from rclpy.client import Client
-
-    from tactile_ros.types import Array, Bools, Frame, Recording
+from tactile_ros.types import Array, Bools, Frame, Recording
 
 WARM_UP_ROWS = 4
 WARM_UP_STEP = 1e-7  # T; makes every row another one, far below the noise of a chip
@@ -49,34 +44,33 @@ MOST_LOST = 5
 class FrameMatcher:
     """Match frames that come back to the rows that were sent, by order and content, not by time.
 
-    Safe to use from the sender and the listener. The position of a row is its place among the
-    `sent`; `lost` rows were overtaken by a later one, or given up.
+    Safe to use from the sender and the listener. Of the `sent` rows the first `through` came back
+    and were acknowledged, or are lost; `lost` rows were overtaken by a later one, or given up.
     """
 
     def __init__(self) -> None:
-        self.sent = self.lost = 0
-        self._waiting: deque[tuple[int, int, Array]] = deque()
-        self._sequences: dict[int, int] = {}
-        self._settled = self._acknowledged = -1
+        self.sent = self.lost = self.through = 0
+        self._waiting: deque[tuple[int, Array]] = deque()
+        self._returned: deque[tuple[int, int]] = deque()  # sequence, rows sent up to it
+        self._acknowledged = -1
         self._changed = threading.Condition()
 
     def send(self, row: int, values: Array) -> None:
         """Note that a row goes out; `values`, shape (t, c), as the receiver will read them."""
         with self._changed:
-            self._waiting.append((self.sent, row, values))
+            self._waiting.append((row, values))
             self.sent += 1
 
     def match(self, frame: Frame) -> int | None:
         """Row of a frame that came back; rows before it are lost, a stranger is None."""
         with self._changed:
-            for steps, (position, row, values) in enumerate(self._waiting):
+            for steps, (row, values) in enumerate(self._waiting):
                 if np.array_equal(values, frame.values, equal_nan=True):
                     for _ in range(steps + 1):
                         self._waiting.popleft()
                     self.lost += steps
-                    self._settled = position
-                    self._sequences[position] = frame.sequence
-                    self._changed.notify_all()
+                    self._returned.append((frame.sequence, self.sent - len(self._waiting)))
+                    self._advance()
                     return row
         return None
 
@@ -84,20 +78,19 @@ class FrameMatcher:
         """Note that all frames up to a sequence have gone through."""
         with self._changed:
             self._acknowledged = max(self._acknowledged, sequence)
-            self._changed.notify_all()
+            self._advance()
 
-    def is_through(self, position: int) -> bool:
-        """The row at a position, and so all before it, went through or is lost."""
-        sequence = self._sequences.get(position, -1)
-        return self._settled >= position and self._acknowledged >= sequence
+    def _advance(self) -> None:
+        """Count the rows that are through."""
+        while self._returned and self._returned[0][0] <= self._acknowledged:
+            self.through = self._returned.popleft()[1]
+        self._changed.notify_all()
 
-    def wait(self, position: int, timeout: float, stopped: Callable[[], bool]) -> bool:
-        """Wait until a row is through; False when `timeout` (s) is over or work was stopped."""
+    def wait(self, count: int, timeout: float, stopped: Callable[[], bool]) -> bool:
+        """Wait until so many rows are through; False after `timeout` (s), or once stopped."""
         with self._changed:
-            through = self._changed.wait_for(
-                lambda: stopped() or self.is_through(position), timeout
-            )
-            return through and not stopped()
+            self._changed.wait_for(lambda: stopped() or self.through >= count, timeout)
+            return self.through >= count and not stopped()
 
     def give_up(self) -> int:
         """Count all rows on their way as lost; return how many they were."""
@@ -105,8 +98,8 @@ class FrameMatcher:
             count = len(self._waiting)
             self.lost += count
             self._waiting.clear()
-            self._settled = self.sent - 1
-            self._acknowledged = max([self._acknowledged, *self._sequences.values()])
+            self._returned.clear()
+            self.through = self.sent
             return count
 
     def wake(self) -> None:
@@ -172,10 +165,12 @@ class Playback:
     ) -> None:
         self.counts = PlaybackCounts()
         self._recording, self._options, self._matcher = recording, options, matcher
+        count = len(recording)
+        self._resting = np.zeros(count, bool) if recording.tare is None else recording.tare
         self._tare, self._missing = tare, missing
         self._stop = threading.Event()
-        self._rows: Iterator[int] = iter(())
         self._lost_in_a_row = 0
+        self._due_s = 0.0
 
     def stop(self) -> None:
         """End playing soon."""
@@ -192,8 +187,7 @@ class Playback:
         Raises DeviceError if the graph does not answer, with what is missing, and Stopped by
         `stop`.
         """
-        options = self._options
-        link = Path(options.port)
+        link = Path(self._options.port)
         with SimulatedSerialPort() as port:
             self._port = port
             link.parent.mkdir(parents=True, exist_ok=True)
@@ -203,30 +197,21 @@ class Playback:
                 self._await(self._unread)
                 self._await(self._missing)
                 self._warm_up()
-                player = Player(self.send, options.speed_up, 1.0 / options.rate_hz)
-                self._once(player, on_end)
-                while options.loop:
-                    self._once(player, on_end)
+                self._once(on_end)
+                while self._options.loop:
+                    self._once(on_end)
             finally:
                 link.unlink(missing_ok=True)
 
-    def send(self, data: bytes) -> None:
-        """Send one row once few enough are on their way."""
-        oldest = self._matcher.sent - self._options.window
-        if not self._is_through(oldest, LOST_S):
-            self._matcher.give_up()
-        self._matcher.send(next(self._rows), as_received(data))
-        self._port.send(data)
-
-    def _is_through(self, position: int, timeout: float) -> bool:
-        """Wait until a row is through; Stopped if told to stop meanwhile."""
-        through = self._matcher.wait(position, timeout, self.is_stopped)
+    def _is_through(self, count: int, timeout: float) -> bool:
+        """Wait until so many rows are through; Stopped if told to stop meanwhile."""
+        through = self._matcher.wait(count, timeout, self.is_stopped)
         if self.is_stopped():
             raise Stopped
         return through
 
     def _unread(self) -> str:
-        """Why nothing can be played yet; empty where a driver has opened the port."""
+        """Sentence where no driver has opened the port; empty: one has."""
         try:
             self._port.wait_for_reader(0.1)
         except DeviceTimeout:
@@ -242,37 +227,41 @@ class Playback:
             if time.monotonic() > deadline:
                 raise DeviceError(missing())
 
+    def _send(self, row: int, values: Array) -> None:
+        """Send the bytes of a row."""
+        data = encode(values)
+        self._matcher.send(row, as_received(data))
+        self._port.send(data)
+
     def _warm_up(self) -> None:
         """Send resting rows, all different, until the last comes back: the driver locked on."""
-        tare = self._recording.tare
-        first = 0 if tare is None or not tare.any() else int(np.argmax(tare))
-        row = self._recording.values[first].copy()
+        values = self._recording.values[np.argmax(self._resting)].copy()
         deadline = time.monotonic() + self._options.patience_s
         while True:
             for _ in range(WARM_UP_ROWS):
-                row[0, 0] += WARM_UP_STEP
-                data = encode(row)
-                self._matcher.send(-1, as_received(data))
-                self._port.send(data)
-            if self._is_through(self._matcher.sent - 1, RETRY_S):
+                values[0, 0] += WARM_UP_STEP
+                self._send(-1, values)
+            if self._is_through(self._matcher.sent, RETRY_S):
                 break
             if time.monotonic() > deadline:
                 msg = f'no frame came back from {self._options.port}: are all nodes active?'
                 raise DeviceError(msg)
         self._matcher.lost = 0
 
-    def _once(self, player: Player, on_end: Callable[[PlaybackCounts], None]) -> None:
+    def _once(self, on_end: Callable[[PlaybackCounts], None]) -> None:
         """Play the whole recording, run by run."""
         recording, counts = self._recording, self.counts
-        begin = time.monotonic()
-        tare = np.zeros(len(recording), bool) if recording.tare is None else recording.tare
-        for first, last, resting in runs(tare):
-            self._rows = iter(range(first, last))
-            stamps = None if recording.stamp_ns is None else recording.stamp_ns[first:last]
-            player.play(recording.values[first:last], stamps)
+        begin = self._due_s = time.monotonic()
+        for first, last, resting in runs(self._resting):
+            self._play_rows(first, last)
             if resting and self._tare is not None:
                 self._settle()
-                self._take_tare()
+                done, message = self._tare(self._options.patience_s)
+                if self.is_stopped():
+                    raise Stopped
+                counts.tares += done
+                counts.refused += not done
+                counts.refusal = counts.refusal if done else message
         self._settle()
         counts.rows += len(recording)
         counts.lost = self._matcher.lost
@@ -281,9 +270,23 @@ class Playback:
             counts.recorded_s += float(np.maximum(np.diff(recording.stamp_ns), 0).sum()) * 1e-9
         on_end(counts)
 
+    def _play_rows(self, first: int, last: int) -> None:
+        """Send rows, each at its time and once few enough are on their way."""
+        options, stamps = self._options, self._recording.stamp_ns
+        for row in range(first, last):
+            gap = 1.0 / options.rate_hz
+            if stamps is not None and row > first:
+                gap = float(stamps[row] - stamps[row - 1]) * 1e-9 / options.speed_up
+            # a slow reader delays the schedule; the rows that follow do not come in a burst
+            self._due_s = max(self._due_s + gap, time.monotonic() - gap)
+            time.sleep(max(0.0, self._due_s - time.monotonic()))
+            if not self._is_through(self._matcher.sent + 1 - options.window, LOST_S):
+                self._matcher.give_up()
+            self._send(row, self._recording.values[row])
+
     def _settle(self) -> None:
         """Wait until everything sent went through."""
-        if self._is_through(self._matcher.sent - 1, LOST_S):
+        if self._is_through(self._matcher.sent, LOST_S):
             self._lost_in_a_row = 0
             return
         self._matcher.give_up()
@@ -292,26 +295,15 @@ class Playback:
             msg = f'{MOST_LOST} readings in a row did not come back: is the graph alive?'
             raise DeviceError(msg)
 
-    def _take_tare(self) -> None:
-        """Take the tare and count the answer."""
-        done, message = self._tare(self._options.patience_s)
-        if self.is_stopped():
-            raise Stopped
-        if done:
-            self.counts.tares += 1
-        else:
-            self.counts.refused += 1
-            self.counts.refusal = message
-
 
 class PlayerNode(ManagedNode):
     """Play a recording into a port; publish `truth/contacts` for the frames that come back."""
 
     def __init__(self) -> None:
         super().__init__('player')
-        self.declare(PlayerOptions())
-        self._truths = self.managed_publisher(TactileContacts, 'truth/contacts')
         self._options = PlayerOptions()
+        self.declare(self._options)
+        self._truths = self.managed_publisher(TactileContacts, 'truth/contacts')
         self._recording: Recording | None = None
         self._truth: TruthMessages | None = None
         self._client: Client | None = None
@@ -339,7 +331,9 @@ class PlayerNode(ManagedNode):
         self._matcher = FrameMatcher()
         self.subscribe(TactileFrame, 'frame', self._on_frame)
         if options.wait_for == 'contacts':
-            self.subscribe(TactileContacts, 'contacts', self._on_contacts)
+            self.subscribe(
+                TactileContacts, 'contacts', lambda m: self._matcher.acknowledge(m.sequence)
+            )
         self.get_logger().info(f'the board appears at {port}')
         tare = self._take_tare if options.tare else None
         self._playback = Playback(self._recording, options, self._matcher, tare, self._missing)
@@ -364,10 +358,6 @@ class PlayerNode(ManagedNode):
         if row is not None and row >= 0 and self._truths.get_subscription_count():
             self._truths.publish(self._truth.message(row, message.header, message.sequence))
 
-    def _on_contacts(self, message: TactileContacts) -> None:
-        """Acknowledge a frame that has gone through."""
-        self._matcher.acknowledge(message.sequence)
-
     def _missing(self) -> str:
         """Parts that the graph lacks, in words."""
         if self._truths.get_subscription_count() < self._options.listeners:
@@ -381,10 +371,9 @@ class PlayerNode(ManagedNode):
         answered = threading.Event()
         future = self._client.call_async(Trigger.Request())
         future.add_done_callback(lambda _: answered.set())
-        waited = 0.0
+        deadline = time.monotonic() + timeout
         while not answered.wait(0.1):
-            waited += 0.1
-            if self._playback.is_stopped() or waited > timeout:
+            if self._playback.is_stopped() or time.monotonic() > deadline:
                 return False, f'service {self._client.srv_name} does not answer'
         answer = future.result()
         return answer.success, answer.message
@@ -410,8 +399,3 @@ class PlayerNode(ManagedNode):
         """Rows sent and lost."""
         sent, lost = self._matcher.sent, self._matcher.lost
         return diagnostic('player', f'{sent} rows sent', {'sent': sent, 'lost': lost})
-
-
-def main() -> None:
-    """Play until the end, or until told to stop."""
-    main_of(lambda: [PlayerNode()])

@@ -12,20 +12,18 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from tactile_ros.errors import TactileError
-from tactile_ros.nodes.graph import PACKAGE
+from tactile_ros.nodes.graph import PACKAGE, Graph, Process
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
     from launch.actions import DeclareLaunchArgument
     from launch_ros.actions import Node
 
     from launch import LaunchContext
-    from tactile_ros.nodes.graph import Graph, Process
 
 T = TypeVar('T')
 STOP_S = 20.0  # a recorder writes its index at the end
@@ -33,7 +31,8 @@ STARTED_BY = 'TACTILE_STARTED_BY'  # environment variable: process id of who sta
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 MOST_LINES = 2000
 TRUE_OR_FALSE = ['true', 'false']
-LEVELS = ['debug', 'info', 'warn', 'error', 'fatal']
+LEVELS = ('debug', 'info', 'warn', 'error', 'fatal')
+LEVEL = ('log_level', 'info', 'how much the nodes say', LEVELS)
 
 
 class Running:
@@ -135,16 +134,12 @@ class Running:
             try:
                 return self._children[executable].wait(0.1)
             except subprocess.TimeoutExpired:
-                self._refuse_failed(executable)
-            if time.monotonic() > deadline:
                 msg = f'{executable} did not end within {timeout:g} s'
-                raise TactileError(msg)
-
-    def _refuse_failed(self, waited_for: str) -> None:
-        """Say which process failed, with its last words."""
-        for name, child in self._children.items():
-            if name != waited_for and child.poll():
-                msg = f'{name} ended with code {child.returncode}: {self._last(name)}'
+            failed = [n for n, child in self._children.items() if n != executable and child.poll()]
+            for name in failed[:1]:
+                code = self._children[name].returncode
+                msg = f'{name} ended with code {code}: {self._last(name)}'
+            if failed or time.monotonic() > deadline:
                 raise TactileError(msg)
 
     def is_alive(self, executable: str) -> bool:
@@ -169,18 +164,14 @@ class Running:
                     # Not SIGINT: a Python that still starts would answer it with a traceback.
                     self._children[name].terminate()
             for name in group:
-                codes[name] = _ended(self._children[name])
+                child = self._children[name]
+                try:
+                    codes[name] = child.wait(STOP_S)
+                except subprocess.TimeoutExpired:
+                    child.kill()
+                    codes[name] = child.wait()
                 self._threads[name].join(STOP_S)
         return codes
-
-
-def _ended(child: subprocess.Popen[str]) -> int:
-    """Exit code of a process that was told to stop; killed where it does not."""
-    try:
-        return child.wait(STOP_S)
-    except subprocess.TimeoutExpired:
-        child.kill()
-        return child.wait()
 
 
 def end_with_parent() -> None:
@@ -200,19 +191,21 @@ def declared(defaults: object) -> list[DeclareLaunchArgument]:
     """Launch arguments for the choices of a graph, and `log_level`."""
     from launch.actions import DeclareLaunchArgument
 
-    def argument(name: str, default: object, text: str, choices: Sequence[str]) -> object:
-        value = str(default)
-        if isinstance(default, bool):
-            value, choices = value.lower(), TRUE_OR_FALSE
-        chosen = {'choices': list(choices)} if choices else {}
-        return DeclareLaunchArgument(name, default_value=value, description=text, **chosen)
-
-    arguments = [
-        argument(f.name, getattr(defaults, f.name), f.metadata['help'], f.metadata['choices'])
+    rows = [
+        (f.name, getattr(defaults, f.name), f.metadata['help'], f.metadata['choices'])
         for f in fields(defaults)  # type: ignore[arg-type]
         if f.metadata
     ]
-    return [*arguments, argument('log_level', 'info', 'how much the nodes say', LEVELS)]
+    arguments = []
+    for name, default, text, choices in [*rows, LEVEL]:
+        is_switch = isinstance(default, bool)
+        value = str(default).lower() if is_switch else str(default)
+        words = list(TRUE_OR_FALSE if is_switch else choices)
+        limits = {'choices': words} if words else {}
+        arguments.append(
+            DeclareLaunchArgument(name, default_value=value, description=text, **limits)
+        )
+    return arguments
 
 
 def chosen(context: LaunchContext, defaults: T) -> T:

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING
 
 import rclpy.subscription
+from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import String
 
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.bag import BagWriter
 from tactile_ros.msg import TactileContacts, TactileFrame, TactileLayout
-from tactile_ros.nodes.lifecycle import LATCHED_DEPTHS, ManagedNode, diagnostic, main_of
+from tactile_ros.nodes.lifecycle import LATCHED_DEPTHS, ManagedNode, diagnostic
 from tactile_ros.nodes.parameters import RecordOptions
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from diagnostic_msgs.msg import DiagnosticStatus
 
 TOPICS = {
     'layout': TactileLayout,
@@ -35,6 +31,8 @@ GIVES_INFO = hasattr(rclpy.subscription, 'MessageInfo')
 class RecordNode(ManagedNode):
     """Write the topics of one sensor as the middleware gave them, without looking inside."""
 
+    needs_receive_times = True
+
     def __init__(self) -> None:
         super().__init__('record')
         self.declare(RecordOptions())
@@ -50,29 +48,22 @@ class RecordNode(ManagedNode):
         self._writer = BagWriter(path)
 
     def activate(self) -> None:
-        """Subscribe to everything."""
+        """Subscribe to the serialised messages of every topic."""
         for topic, kind in TOPICS.items():
-            self._record(topic, kind)
+            type_name = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
+            latched = topic in LATCHED_DEPTHS
+            write = partial(self._write, self.resolve_topic_name(topic), type_name, latched)
+            callback = write if GIVES_INFO else partial(write, info={})
+            self.subscribe(kind, topic, callback, raw=True)
         self._flushing = self.steady_timer(FLUSH_PERIOD_S, self._writer.flush)
 
-    def _record(self, topic: str, kind: type) -> None:
-        """Subscribe to serialised messages of a topic."""
-        type_name = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
-        latched = topic in LATCHED_DEPTHS
-        write = partial(self._write, self.resolve_topic_name(topic), type_name, latched)
-        callback: Callable[..., None] = (
-            (lambda data, info: write(data, info['received_timestamp']))
-            if GIVES_INFO
-            else (lambda data: write(data, 0))
-        )
-        self.subscribe(kind, topic, callback, raw=True)
-
     def _write(
-        self, topic: str, type_name: str, latched: bool, data: bytes, received_ns: int
+        self, topic: str, type_name: str, latched: bool, data: bytes, info: Mapping[str, int]
     ) -> None:
         """Write one message, with the time at which the middleware received it."""
         simulated = self.get_parameter('use_sim_time').value
-        stamp_ns = self.now_ns() if simulated or received_ns <= 0 else received_ns
+        received_ns = 0 if simulated else info.get('received_timestamp', 0)
+        stamp_ns = received_ns if received_ns > 0 else self.now_ns()
         self._taken += 1
         try:
             self._writer.write(topic, type_name, stamp_ns, bytes(data), latched)
@@ -101,8 +92,3 @@ class RecordNode(ManagedNode):
     def diagnose(self) -> DiagnosticStatus:
         """Messages per topic."""
         return diagnostic('record', f'{self._taken} messages', dict(self._writer.counts))
-
-
-def main() -> None:
-    """Record until told to stop."""
-    main_of(lambda: [RecordNode()])

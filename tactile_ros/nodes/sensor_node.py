@@ -8,43 +8,36 @@ catches up.
 
 from __future__ import annotations
 
-import re
 import threading
 import time
 from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from math import nan
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, Quaternion
+from rclpy.publisher import Publisher
 
 from tactile_ros import messages
 from tactile_ros.enrolment import playing
 from tactile_ros.errors import DeviceError, DeviceTimeout, TactileError
 from tactile_ros.msg import TactileContacts, TactileFrame, TactileLayout
-from tactile_ros.nodes.lifecycle import ManagedNode, diagnostic, main_of, qos
+from tactile_ros.nodes.lifecycle import ManagedNode, diagnostic, qos
 from tactile_ros.nodes.parameters import SensorOptions
 from tactile_ros.nodes.standard_messages import FrameViews, TruthMessages, header_of
 from tactile_ros.sensors import load_sensor
-from tactile_ros.types import TaxelStatus
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from rclpy.publisher import Publisher
-
-    from tactile_ros.types import Array, Device, Frame, Layout, Recording, Twin
+from tactile_ros.types import Device, Frame, Layout, TaxelStatus, Twin
 
 READ_TIMEOUT_S = 0.25
 FIRST_RETRY_S = 0.1
 LONGEST_RETRY_S = 0.5
 REPEAT_S = 10.0  # the same complaint is not told again before
-MOST_STAMPS = 10_000
 MOST_DISCARDING_S = 0.5
+MOST_FRAMES = 10_000
 AT_ONCE = 0.5  # of a frame's period: what takes less to read was not waited for
 RARELY = 0.05  # a quiet chip repeats itself now and then
 SLOW, JITTERY = 0.8, 0.5  # of the nominal rate and of its period
@@ -62,7 +55,6 @@ HARMLESS = ('frames', 'not_ready', 'saturated', 'stale', 'repeated', 'missing', 
 NOT_MEASURED = 'not measured'
 MOST_FAULTS = 1000
 RELIEF = 'none'
-FAULT = re.compile(r'(?P<name>[a-z_]+)(:(?P<count>[0-9]{1,6}))?')
 
 
 class SensorDiagnostics:
@@ -79,22 +71,14 @@ class SensorDiagnostics:
         self.waiting = False
         self.sentence = 'no frame yet'
         self.last: Frame | None = None
-        # since the last status
-        self._stamps: deque[int] = deque(maxlen=MOST_STAMPS)
-        self._bits = self._fresh = self._stale = 0
-        self._frames_before = 0
-        self._counters_before: dict[str, int] = {}
+        self._recent: deque[Frame] = deque(maxlen=MOST_FRAMES)  # since the last status
+        self._before: dict[str, int] = {}
 
     def note(self, frame: Frame) -> None:
         """Count a frame."""
         self.frames += 1
-        self._fresh += 1
         self.last = frame
-        self._stamps.append(frame.stamp_ns or 0)
-        if frame.status is not None:
-            bits = int(np.bitwise_or.reduce(frame.status))
-            self._bits |= bits
-            self._stale += bool(bits & TaxelStatus.STALE)
+        self._recent.append(frame)
 
     def judge(
         self, counters: Mapping[str, int], is_open: bool
@@ -104,21 +88,23 @@ class SensorDiagnostics:
         OK; WARN: frames come, but something needs attention; ERROR: none come; STALE: none are
         read, since nobody listens yet. `counters` are those of the device.
         """
-        count, self._frames_before = self.frames - self._frames_before, self.frames
-        rate_hz, jitter_s = pace([self._stamps.popleft() for _ in range(len(self._stamps))])
-        reasons = self._slow(rate_hz, jitter_s) + self._flagged()
+        recent, self._recent = list(self._recent), deque(maxlen=MOST_FRAMES)
+        rate_hz, jitter_s = pace([frame.stamp_ns or 0 for frame in recent])
+        reasons = [self._slowness(rate_hz, jitter_s), *_flags(recent)]
         reasons += [*self._grown({**counters, 'overruns': self.overruns}), self.sentence]
-        level, message = DiagnosticStatus.OK, f'{count} frames in the last second'
+        level, message = DiagnosticStatus.OK, f'{len(recent)} frames in the last second'
+        connection = 'streaming'
         if self.waiting and not self.frames:
-            level, message = DiagnosticStatus.STALE, 'not read before all listeners are there'
-        elif not count or not is_open:
-            level, message = DiagnosticStatus.ERROR, self.sentence or 'no frame came'
+            level, connection = DiagnosticStatus.STALE, 'open, not read yet'
+            message = 'not read before all listeners are there'
+        elif not recent or not is_open:
+            level, connection = DiagnosticStatus.ERROR, 'silent'
+            message = self.sentence or 'no frame came'
         elif any(reasons):
             level = DiagnosticStatus.WARN
             message = '; '.join([message, *filter(None, reasons)])
-        states = {DiagnosticStatus.ERROR: 'silent', DiagnosticStatus.STALE: 'open, not read yet'}
         values = {
-            'connection': states.get(level, 'streaming') if is_open else 'not open',
+            'connection': connection if is_open else 'not open',
             'rate (Hz)': rate_hz,
             'nominal rate (Hz)': self.nominal_hz,
             'jitter (ms)': 1e3 * jitter_s,
@@ -127,38 +113,40 @@ class SensorDiagnostics:
             'failures': self.failures,
             **dict.fromkeys(EXPECTED, 'not in this protocol'),
             **counters,
-            **{name: self._taxels(bit) for name, bit in TAXELS.items()},
+            **flagged_taxels(self.last),
             **temperatures(self.last),
         }
         return level, message, values
 
-    def _flagged(self) -> list[str]:
-        """Names of the taxel states that came up; STALE only if it came often."""
-        bits = TaxelStatus(self._bits)
-        if self._stale <= RARELY * self._fresh:
-            bits &= ~TaxelStatus.STALE
-        self._bits = self._fresh = self._stale = 0
-        return [name for name, bit in TAXELS.items() if bits & bit]
-
-    def _taxels(self, bit: TaxelStatus) -> list[int]:
-        """Taxels of the latest frame that carry a status bit."""
-        if self.last is None or self.last.status is None:
-            return []
-        return np.flatnonzero(self.last.status & int(bit)).tolist()
-
     def _grown(self, counters: Mapping[str, int]) -> list[str]:
         """Counts of trouble since the last call, in words."""
-        before, self._counters_before = self._counters_before, dict(counters)
+        before, self._before = self._before, dict(counters)
         more = {n: v - before.get(n, 0) for n, v in counters.items() if n not in HARMLESS}
         return [f'{count} {name.replace("_", " ")}' for name, count in more.items() if count > 0]
 
-    def _slow(self, rate_hz: float, jitter_s: float) -> list[str]:
-        """Deviations of rate and jitter."""
+    def _slowness(self, rate_hz: float, jitter_s: float) -> str:
+        """Deviation of rate or jitter, in words."""
         if rate_hz < SLOW * self.nominal_hz:
-            return [f'{rate_hz:.3g} Hz instead of {self.nominal_hz:g} Hz']
-        if jitter_s * self.nominal_hz > JITTERY:
-            return [f'frames come irregularly: jitter {1e3 * jitter_s:.2g} ms']
-        return []
+            return f'{rate_hz:.3g} Hz instead of {self.nominal_hz:g} Hz'
+        irregular = jitter_s * self.nominal_hz > JITTERY
+        return f'frames come irregularly: jitter {1e3 * jitter_s:.2g} ms' if irregular else ''
+
+
+def flagged_taxels(frame: Frame | None) -> dict[str, list[int]]:
+    """Taxels of a frame by the status bits that they carry."""
+    status = None if frame is None else frame.status
+    bits = np.zeros(0, np.uint8) if status is None else status
+    return {name: np.flatnonzero(bits & bit).tolist() for name, bit in TAXELS.items()}
+
+
+def _flags(frames: Sequence[Frame]) -> list[str]:
+    """Names of the taxel states that came up in frames; STALE only if it came often."""
+    rows = [frame.status for frame in frames if frame.status is not None]
+    seen = np.bitwise_or.reduce(rows, axis=1) if rows else np.zeros(0, np.uint8)
+    bits = int(np.bitwise_or.reduce(seen))
+    if np.count_nonzero(seen & TaxelStatus.STALE) <= RARELY * len(frames):
+        bits &= ~TaxelStatus.STALE
+    return [name for name, bit in TAXELS.items() if bits & bit]
 
 
 def pace(stamps_ns: Sequence[int]) -> tuple[float, float]:
@@ -172,10 +160,11 @@ def pace(stamps_ns: Sequence[int]) -> tuple[float, float]:
 def temperatures(frame: Frame | None) -> dict[str, object]:
     """Coldest and hottest chip of a frame (degrees Celsius)."""
     chips = None if frame is None else frame.temperature_c
-    names = ('lowest temperature (C)', 'highest temperature (C)')
-    if chips is None or not np.isfinite(chips).any():
-        return dict.fromkeys(names, NOT_MEASURED)
-    return dict(zip(names, (float(np.nanmin(chips)), float(np.nanmax(chips))), strict=True))
+    measured = chips is not None and bool(np.isfinite(chips).any())
+    return {
+        'lowest temperature (C)': float(np.nanmin(chips)) if measured else NOT_MEASURED,
+        'highest temperature (C)': float(np.nanmax(chips)) if measured else NOT_MEASURED,
+    }
 
 
 class Reader:
@@ -211,8 +200,7 @@ class Reader:
         self.diagnostics = SensorDiagnostics(nominal_hz)
         self.is_open = False
         self.device, self._deliver, self._complain = device, deliver, complain
-        self._ready, self._kept_back_s = ready, kept_back_s
-        self._limit = queue
+        self._ready, self._limit, self._kept_back_s = ready, queue, kept_back_s
         self._queue: SimpleQueue[Frame | None] = SimpleQueue()
         self._stop = threading.Event()
         self._opened = ExitStack()
@@ -245,14 +233,8 @@ class Reader:
         self._opened.close()
 
     def _run(self) -> None:
-        """Open, wait for the listeners, read."""
-        pause = FIRST_RETRY_S
-        while not self.is_open and not self._stop.wait(pause):
-            pause = min(2 * pause, LONGEST_RETRY_S)
-            try:
-                self.open()
-            except (TactileError, OSError, ValueError) as err:
-                self._note(f'{err}; trying again')
+        """Open, wait for the listeners, read, and hand on what has come."""
+        self._await_device()
         self.diagnostics.waiting = self._ready is not None
         while self._ready is not None and not self._ready():
             if self._stop.wait(0.01):
@@ -260,7 +242,28 @@ class Reader:
         self.diagnostics.waiting = False
         self._discard()
         while not self._stop.is_set():
-            self._step()
+            try:
+                frames = [self.device.read(READ_TIMEOUT_S), *self.device.waiting()]
+            except DeviceTimeout as err:
+                self._note(str(err))
+            except Exception as err:  # also what no driver may do: the node goes on
+                self._fail(err)
+                self._stop.wait(FIRST_RETRY_S)
+            else:
+                for frame in frames:
+                    self.diagnostics.note(frame)
+                self.diagnostics.sentence = ''
+                (self._queue_up if self._limit else self._pass_on)(frames)
+
+    def _await_device(self) -> None:
+        """Open with growing pauses."""
+        pause = FIRST_RETRY_S
+        while not self.is_open and not self._stop.wait(pause):
+            pause = min(2 * pause, LONGEST_RETRY_S)
+            try:
+                self.open()
+            except (TactileError, OSError, ValueError) as err:
+                self._note(f'{err}; trying again')
 
     def _discard(self) -> None:
         """Read on until a frame has to be waited for."""
@@ -272,27 +275,8 @@ class Reader:
                 self.device.read(0.0)
                 took = time.monotonic() - began
 
-    def _step(self) -> None:
-        """Take what has come, or note the reason why nothing has."""
-        try:
-            frames = [self.device.read(READ_TIMEOUT_S), *self.device.waiting()]
-        except DeviceTimeout as err:
-            self._note(str(err))
-        except Exception as err:  # also what no driver may do: the node goes on
-            foreseen = isinstance(err, (TactileError, OSError))
-            self._fail(str(err) if foreseen else f'{type(err).__name__}: {err}')
-            self._stop.wait(FIRST_RETRY_S)
-        else:
-            self._take(frames)
-
-    def _take(self, frames: list[Frame]) -> None:
-        """Hand frames on, or let them wait in the queue."""
-        for frame in frames:
-            self.diagnostics.note(frame)
-        self.diagnostics.sentence = ''
-        if not self._limit:
-            self._pass_on(frames)
-            return
+    def _queue_up(self, frames: Sequence[Frame]) -> None:
+        """Let frames wait in the queue, and the oldest fall out of a full one."""
         for frame in frames:
             if self._queue.qsize() >= self._limit:
                 with suppress(Empty):  # it has just been taken
@@ -306,17 +290,18 @@ class Reader:
             lost = self.diagnostics.overruns
             self._pass_on([replace(frame, dropped=frame.dropped + lost) if lost else frame])
 
-    def _pass_on(self, frames: list[Frame]) -> None:
+    def _pass_on(self, frames: Sequence[Frame]) -> None:
         """Hand frames on; a failure there is told and costs them alone."""
         try:
             self._deliver(frames)
         except Exception as err:  # whatever listens must not end the sensor
-            self._fail(f'{type(err).__name__}: {err}')
+            self._fail(err)
 
-    def _fail(self, sentence: str) -> None:
+    def _fail(self, err: Exception) -> None:
         """Count a failure and tell it."""
         self.diagnostics.failures += 1
-        self._note(sentence)
+        foreseen = isinstance(err, (TactileError, OSError))
+        self._note(str(err) if foreseen else f'{type(err).__name__}: {err}')
 
     def _note(self, sentence: str) -> None:
         """Complain about each new reason, and about one that comes and goes now and then."""
@@ -332,15 +317,15 @@ def parse_fault(text: str, possible: Sequence[str]) -> tuple[str, int]:
 
     Raises ValueError, which lists the possible ones, if it is none of them.
     """
-    match = FAULT.fullmatch(text.strip())
-    name, count = (match['name'], int(match['count'] or 1)) if match else ('', 0)
-    if name not in possible or not 1 <= count <= MOST_FAULTS:
+    name, _, count = text.strip().partition(':')
+    times = int(count) if count.isascii() and count.isdecimal() else int(not count)
+    if name not in possible or not 1 <= times <= MOST_FAULTS:
         msg = (
             f'fault must be one of {", ".join(possible)}, with :count of 1 to {MOST_FAULTS} where '
             f'it is to happen more than once; received {text!r}'
         )
         raise ValueError(msg)
-    return name, count
+    return name, times
 
 
 class SensorNode(ManagedNode):
@@ -356,19 +341,20 @@ class SensorNode(ManagedNode):
     def __init__(
         self,
         downstream: Callable[[Sequence[Frame], str], None] | None = None,
-        waits_for: Callable[[], bool] | None = None,
+        waits_for: Callable[[], bool] = lambda: True,
         arguments: Sequence[str] = (),
     ) -> None:
         super().__init__('sensor_node', arguments)
         self._twin: Twin | None = None
         self._reader: Reader | None = None
-        self.declare(SensorOptions())
+        self._options = SensorOptions()
+        self.declare(self._options)
         self._spec = load_sensor(self.get_parameter('sensor').value)
-        self.declare(self._spec.config(), self._spec.connection())
+        self._config, self._connection = self._spec.config(), self._spec.connection()
+        self.declare(self._config, self._connection)
         self._frames = self.managed_publisher(TactileFrame, 'frame')
         self._layouts = self.managed_publisher(TactileLayout, 'layout')
         self._downstream, self._waits_for = downstream, waits_for
-        self._options = SensorOptions()
         self._layout: Layout | None = None
         self._views: FrameViews | None = None
         self._held = ExitStack()
@@ -379,51 +365,46 @@ class SensorNode(ManagedNode):
     def configure(self) -> None:
         """Check the parameters and open the device; a missing port is told and tried again."""
         self._options = self.options(SensorOptions)
-        config = self.options(type(self._spec.config()))
+        self._config = self.options(type(self._config))
+        self._connection = self.options(type(self._connection))
         self._layout = replace(
-            self._spec.layout(config), frame_id=self._options.frame_id, serial=self._options.serial
+            self._spec.layout(self._config),
+            frame_id=self._options.frame_id,
+            serial=self._options.serial,
         )
         if self._options.simulated:
-            self._begin_twin(config)
+            self._begin_twin()
         self.check({'fault': self._options.fault})
         self._pending_fault = self._options.fault
-        self._reader = self._make_reader()
-        self._reader.open()
+        self._open()
 
-    def _begin_twin(self, config: object) -> None:
+    def _begin_twin(self) -> None:
         """Let the twin answer from now until cleanup."""
-        connection = self.options(type(self._spec.connection()))
-        seed = self._options.seed
-        signal, recording = self._scene(config)
-        self._twin = self._held.enter_context(
-            self._spec.simulate(config, connection, signal, seed)
-        )
+        config, seed, signal = self._config, self._options.seed, None
+        if self._options.scene == 'presses':  # the twin's own signal
+            recording = self._spec.presses(config, seed)
+        elif self._spec.lesson is None:
+            msg = f'scene of {self._spec.key} must be presses; it has no lesson'
+            raise ValueError(msg)
+        else:
+            recording = self._spec.lesson.scene(config, seed, 0.0)
+            signal = playing(recording)
+        twin = self._spec.simulate(config, self._connection, signal, seed)
+        self._twin = self._held.enter_context(twin)
         self._truth = TruthMessages(recording, self.now_ns())
         self._truths = self.create_publisher(TactileContacts, 'truth/contacts', qos())
         self._held.callback(self.destroy_publisher, self._truths)
 
-    def _scene(self, config: object) -> tuple[Callable[[float], Array] | None, Recording]:
-        """Signal of the twin, None: its own, and the truth of it."""
-        if self._options.scene == 'presses':
-            return None, self._spec.presses(config, self._options.seed)
-        if self._spec.lesson is None:
-            msg = f'scene of {self._spec.key} must be presses; it has no lesson'
-            raise ValueError(msg)
-        recording = self._spec.lesson.scene(config, self._options.seed, 0.0)
-        return playing(recording), recording
-
-    def _make_reader(self) -> Reader:
-        """Reader of a fresh device: its frames count from 0."""
+    def _open(self) -> None:
+        """Open a fresh device: its frames count from 0."""
         if self._twin is None:
-            config = self.options(type(self._spec.config()))
-            connection = self.options(type(self._spec.connection()))
-            device = self._spec.open(config, connection, self.now_ns)
+            device = self._spec.open(self._config, self._connection, self.now_ns)
         else:
             device = self._twin.device(self.now_ns)
         rate_hz = self._layout.rate_hz
         # not a fixed time: on a busy machine it takes milliseconds to decode what waits
         kept_back_s = AT_ONCE / rate_hz if rate_hz > 0 else 1.0
-        return Reader(
+        self._reader = Reader(
             device,
             self._deliver,
             self.get_logger().error,
@@ -432,12 +413,12 @@ class SensorNode(ManagedNode):
             kept_back_s if self._options.discard_stale else 0.0,
             rate_hz,
         )
+        self._reader.open()
 
     def activate(self) -> None:
         """Publish the layout and begin to read."""
         if self._reader is None:
-            self._reader = self._make_reader()
-            self._reader.open()
+            self._open()
         message = TactileLayout()
         messages.fill_layout(message, self._layout, Point, Quaternion)
         message.header.stamp = self.get_clock().now().to_msg()
@@ -467,12 +448,10 @@ class SensorNode(ManagedNode):
         """Refuse a fault that this sensor cannot suffer."""
         fault = str(changes.get('fault', ''))
         simulated = changes.get('simulated', self.get_parameter('simulated').value)
-        if not fault:
-            return
         if self._twin is not None:
-            if fault != RELIEF:
+            if fault not in ('', RELIEF):
                 parse_fault(fault, self._twin.faults)
-        elif self._reader is not None or not simulated:
+        elif fault and (self._reader is not None or not simulated):
             msg = f'fault must be empty where the sensor is not simulated; received {fault!r}'
             raise ValueError(msg)
 
@@ -491,7 +470,7 @@ class SensorNode(ManagedNode):
     def _is_awaited(self) -> bool:
         """Everybody who must see the first frame is there."""
         heard = self._frames.get_subscription_count() >= self._options.listeners
-        return heard and (self._waits_for is None or self._waits_for())
+        return heard and self._waits_for()
 
     def _deliver(self, frames: Sequence[Frame]) -> None:
         """Hand frames on and publish them and their views, each where somebody listens."""
@@ -522,8 +501,3 @@ class SensorNode(ManagedNode):
             values['injected'] = ', '.join(suffered) or 'nothing'
         hardware_id = f'{self._spec.key} {self._options.serial}'.strip()
         return diagnostic('sensor', message, values, level, hardware_id)
-
-
-def main() -> None:
-    """Run sensor_node until it is told to stop."""
-    main_of(lambda: [SensorNode()])

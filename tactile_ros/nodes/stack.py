@@ -10,26 +10,22 @@ from __future__ import annotations
 import gc
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rclpy.node import Node
 
 from tactile_ros.nodes.contact_node import ContactNode
 from tactile_ros.nodes.graph import HandSetup, stack_of
 from tactile_ros.nodes.grip_node import GripNode
-from tactile_ros.nodes.lifecycle import ManagedNode, events_executor, main_of
+from tactile_ros.nodes.lifecycle import ManagedNode
 from tactile_ros.nodes.parameters import Schema, StackOptions
 from tactile_ros.nodes.sensor_node import SensorNode
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from tactile_ros.types import Frame
 
 # s; at the default of 5 ms a busy thread delays the loop by tens of milliseconds
 SWITCH_INTERVAL_S = 2e-4
 FRAMES_BEFORE_FREEZE = 100
+LOOK_S = 0.25
 
 
 def setup_of() -> HandSetup:
@@ -57,7 +53,7 @@ def setup_of() -> HandSetup:
 
 
 def raise_priority(priority: int) -> str:
-    """Give the process a real-time priority; why not, empty: it has it, or none was asked for.
+    """Give the process a real-time priority; a sentence where the system does not grant it.
 
     All threads get it, and those that they start: one without it that holds Python's lock, and is
     kept from a processor by another program, would stop them all.
@@ -75,30 +71,26 @@ def raise_priority(priority: int) -> str:
     return ''
 
 
-def frozen_after(
-    take: Callable[[Sequence[Frame], str], None], frames: int = FRAMES_BEFORE_FREEZE
-) -> Callable[[Sequence[Frame], str], None]:
-    """Hand frames on and, after some, keep the garbage collector off all that stays."""
-    left = frames
+def freeze_when_warm(contact: ContactNode) -> None:
+    """Keep the garbage collector off all that stays, once a contact_node has run for a while."""
 
-    def step(together: Sequence[Frame], frame_id: str) -> None:
-        nonlocal left
-        take(together, frame_id)
-        if left > 0:
-            left -= len(together)
-            if left <= 0:
-                gc.collect()
-                gc.freeze()
+    def look() -> None:
+        if contact.loop is not None and contact.loop.statistics.frames >= FRAMES_BEFORE_FREEZE:
+            contact.destroy_timer(timer)
+            gc.collect()
+            gc.freeze()
 
-    return step
+    timer = contact.steady_timer(LOOK_S, look)
 
 
 def build() -> Sequence[ManagedNode]:
     """Make the nodes; who listens comes first: it is ready before the first frame."""
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
     setup = setup_of()
     if not setup.hand:
         contact = ContactNode(direct=True)
-        return [contact, SensorNode(frozen_after(contact.take), contact.is_heard)]
+        freeze_when_warm(contact)
+        return [contact, SensorNode(contact.take, contact.is_heard)]
     grip = GripNode()
     contacts, sensors = [], []
     for name, process in zip(setup.sensors(), stack_of(setup), strict=True):
@@ -106,15 +98,9 @@ def build() -> Sequence[ManagedNode]:
             continue  # remapped: it has no sensor of its own
         own = process.ros_arguments()
         contact = ContactNode(True, grip.take_states, own)
-        # the collector rests once the first sensor has run for a while
-        take = contact.take if contacts else frozen_after(contact.take)
         contacts.append(contact)
-        sensors.append(SensorNode(take, contact.is_heard, own))
+        sensors.append(SensorNode(contact.take, contact.is_heard, own))
+    for contact in contacts[:1]:
+        freeze_when_warm(contact)
     grip.direct = {contact.topic for contact in contacts}
     return [grip, *contacts, *sensors]
-
-
-def main() -> None:
-    """Run the stack until it is told to stop."""
-    sys.setswitchinterval(SWITCH_INTERVAL_S)
-    main_of(build, events_executor)

@@ -5,28 +5,32 @@ Each is filled only where somebody listens.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, WrenchStamped
+from rclpy.node import Node
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import Image, MagneticField, PointCloud2, PointField
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from tactile_ros import messages
+from tactile_ros.messages import UnknownAs
 from tactile_ros.msg import TactileContact, TactileContacts
-from tactile_ros.nodes.lifecycle import qos
-from tactile_ros.types import STATE_FIELDS, ContactStates
-
-if TYPE_CHECKING:
-    from rclpy.node import Node
-    from rclpy.publisher import Publisher
-
-    from tactile_ros.messages import UnknownAs
-    from tactile_ros.nodes.lifecycle import ManagedNode
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.sensors import SensorSpec
-    from tactile_ros.types import Array, ContactState, Frame, Integers, Layout, Recording
+from tactile_ros.nodes.lifecycle import ManagedNode, qos
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.sensors import SensorSpec
+from tactile_ros.types import (
+    STATE_FIELDS,
+    Array,
+    ContactState,
+    ContactStates,
+    Frame,
+    Integers,
+    Layout,
+    Recording,
+)
 
 LISTENERS_NS = 9_000_000  # of the stream, within which nobody is asked again whether he listens
 FIELD_TOPIC = 'magnetic_field/chip_{}'  # no part of a topic's name may begin with a digit
@@ -115,31 +119,19 @@ class StandardTopics:
         for topic, publisher in self._publishers.items():
             if not publisher.get_subscription_count():
                 continue
-            message = self._message(topic, header, state, pipeline, unknown_as)
-            if message is not None:
-                publisher.publish(message)
-
-    @staticmethod
-    def _message(
-        topic: str,
-        header: Header,
-        state: ContactState,
-        pipeline: Pipeline,
-        unknown_as: UnknownAs,
-    ) -> object | None:
-        """Message of a topic; None: there is nothing to say."""
-        if topic == 'wrench':
-            wrench = WrenchStamped(header=header)
-            messages.fill_wrench(wrench, state, unknown_as)
-            return wrench
-        if topic == 'markers':
-            return contact_markers(header, pipeline.layout, state)
-        if topic == 'object_pose':
-            pose = PoseWithCovarianceStamped(header=header)
-            return pose if messages.fill_object_pose(pose, state) else None
-        cloud = PointCloud2(header=header)
-        messages.fill_surface(cloud, pipeline.estimation.surface(state), PointField)
-        return cloud
+            if topic == 'wrench':
+                message = WrenchStamped(header=header)
+                messages.fill_wrench(message, state, unknown_as)
+            elif topic == 'markers':
+                message = contact_markers(header, pipeline.layout, state)
+            elif topic == 'surface':
+                message = PointCloud2(header=header)
+                messages.fill_surface(message, pipeline.estimation.surface(state), PointField)
+            else:
+                message = PoseWithCovarianceStamped(header=header)
+                if not messages.fill_object_pose(message, state):
+                    continue
+            publisher.publish(message)
 
 
 def contact_markers(header: Header, layout: Layout, state: ContactState) -> MarkerArray:
@@ -250,10 +242,8 @@ class FrameViews:
 
     def sensor_axes(self, values: Array) -> Array:
         """Readings (t, 3) of chips turned from their own axes to the sensor's."""
-        if self._layout.rotations is None:
-            return values
-        turned: Array = np.einsum('tij,tj->ti', self._layout.rotations, values)
-        return turned
+        turns = self._layout.rotations
+        return values if turns is None else np.einsum('tij,tj->ti', turns, values)
 
 
 def image_of(frame: Frame, grid: Grid, frame_id: str) -> Image:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import threading
 import time
 from collections import OrderedDict
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -18,16 +18,10 @@ from std_srvs.srv import Trigger
 from tactile_ros import messages
 from tactile_ros.msg import GripState, TactileContacts, TactileFrame, TactileLayout
 from tactile_ros.nodes.lifecycle import qos
-from tactile_ros.types import STATE_FIELDS, ContactState
+from tactile_ros.types import STATE_FIELDS, ContactState, Frame, Layout
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from tactile_ros.types import Frame, Layout
-
-    Show = Callable[[str, Layout, Frame, ContactState], None]
-    ShowGrip = Callable[[str, GripState, int], None]
-
+Show = Callable[[str, Layout, Frame, ContactState], None]
+ShowGrip = Callable[[str, GripState, int], None]
 WAITING = 100  # frames that wait for their contacts, or contacts for their frame
 LOOK_S = 0.1
 TARE_S = 5.0  # longest wait for the answer of a tare
@@ -76,24 +70,19 @@ class ViewerNode(Node):
 
     def _on_half(self, name: str, message: TactileFrame | TactileContacts) -> None:
         """A frame or its contacts; whichever comes first waits for the other."""
-        waiting = self._waiting[name]
+        waiting, layout = self._waiting[name], self._layouts.get(name)
         halves = waiting.setdefault(message.sequence, {})
         halves[type(message)] = message
         if len(halves) == 2:
             del waiting[message.sequence]
-            self._show_both(name, halves[TactileFrame], halves[TactileContacts])
+            if layout is not None:  # without one nothing has a place yet
+                taxels = len(layout.positions)
+                columns = messages.read_contacts([halves[TactileContacts]], taxels)
+                columns = {name: x for name, x in columns.items() if name in STATE_FIELDS}
+                frame = messages.read_frame(halves[TactileFrame], layout.shape)
+                self._show(name, layout, frame, ContactState.assemble(taxels, columns))
         while len(waiting) > WAITING:
             waiting.popitem(last=False)
-
-    def _show_both(self, name: str, frame: TactileFrame, contacts: TactileContacts) -> None:
-        """Show them; without a layout nothing has a place yet."""
-        layout = self._layouts.get(name)
-        if layout is None:
-            return
-        columns = messages.read_contacts([contacts], len(layout.positions))
-        columns = {name: x for name, x in columns.items() if name in STATE_FIELDS}
-        state = ContactState.assemble(len(layout.positions), columns)
-        self._show(name, layout, messages.read_frame(frame, layout.shape), state)
 
     def _on_grip(self, name: str, message: GripState) -> None:
         self._show_grip(name, message, messages.stamp_ns(message.header))

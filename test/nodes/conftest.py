@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 
+from tactile_ros.devices.reskin_protocol import encode
 from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 from tactile_ros.evaluation.recording_files import save_recording
+from tactile_ros.nodes.lifecycle import qos
 from tactile_ros.sensors import load_sensor
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-    from pathlib import Path
-
-    from rclpy.node import Node
-
-    from tactile_ros.types import Recording
+from tactile_ros.types import Recording
 
 PATIENCE_S = 120.0
 TOUCHES = 60
@@ -40,7 +38,6 @@ def touches(spatial: Recording) -> Recording:
 
 @pytest.fixture(scope='session')
 def touches_file(touches: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The touches as a file."""
     path = tmp_path_factory.mktemp('touches') / 'touches.npz'
     save_recording(touches, path)
     return path
@@ -55,10 +52,17 @@ def calibration(spatial: Recording, tmp_path_factory: pytest.TempPathFactory) ->
     return path
 
 
+class Port(SimulatedSerialPort):
+    """A board's port that takes readings."""
+
+    def play(self, rows: Sequence[np.ndarray]) -> None:
+        for row in rows:
+            self.send(encode(row))
+
+
 @pytest.fixture
-def port() -> Iterator[SimulatedSerialPort]:
-    """A board's port."""
-    with SimulatedSerialPort() as simulated:
+def port() -> Iterator[Port]:
+    with Port() as simulated:
         yield simulated
 
 
@@ -68,6 +72,7 @@ class Ros:
     def __init__(self) -> None:
         self.nodes: list[Node] = []
         self.executor: SingleThreadedExecutor | None = None
+        self._listener: Node | None = None
 
     def init(self, *parameters: str, remaps: Sequence[str] = ()) -> None:
         """Start ROS with parameters `name:=value` and remappings `from:=to`."""
@@ -82,6 +87,20 @@ class Ros:
         self.executor.add_node(node)
         return node
 
+    @property
+    def listener(self) -> Node:
+        """A node that is none of those under test."""
+        if self._listener is None:
+            self._listener = self.add(Node('listener'))
+        return self._listener
+
+    def hear(self, kind: type, topic: str) -> list:
+        """Messages of a topic from now on."""
+        heard: list = []
+        leaf = topic.rsplit('/', 1)[-1]
+        self.listener.create_subscription(kind, topic, heard.append, qos(leaf))
+        return heard
+
     def until(self, holds: Callable[[], object], timeout: float = PATIENCE_S) -> bool:
         """Spin until a condition holds; False when it did not within `timeout` (s)."""
         deadline = time.monotonic() + timeout
@@ -94,16 +113,27 @@ class Ros:
     def call(self, client: object, request: object) -> object:
         """Answer of a service of these or of other nodes."""
         assert self.until(client.service_is_ready)
-        future = client.call_async(request)
+        return self.result(client.call_async(request))
+
+    def ask(self, kind: type, name: str, **request: object) -> object:
+        """Answer of a service by its name."""
+        return self.call(self.listener.create_client(kind, name), kind.Request(**request))
+
+    def result(self, future: object) -> object:
+        """Result of a future."""
         assert self.until(future.done)
         return future.result()
+
+    @staticmethod
+    def change(node: Node, **values: object) -> object:
+        """Result of setting parameters together, as `ros2 param set` does."""
+        parameters = [Parameter(name, value=value) for name, value in values.items()]
+        return node.set_parameters_atomically(parameters)
 
     def close(self) -> None:
         """End the nodes and ROS."""
         for node in reversed(self.nodes):
-            if getattr(node, 'is_over', True) is False:
-                node.trigger_shutdown()
-            node.destroy_node()
+            getattr(node, 'end', node.destroy_node)()
         if self.executor is not None:
             self.executor.shutdown()
         rclpy.try_shutdown()

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import threading
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from itertools import cycle, pairwise
+from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
@@ -13,7 +15,6 @@ import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
-from rclpy.node import Node
 from std_msgs.msg import String
 
 from reference import enrolled_skin
@@ -33,18 +34,13 @@ from tactile_ros.nodes.enrolment_server import (
 from tactile_ros.nodes.lifecycle import qos
 from tactile_ros.sensors import load_sensor
 from tactile_ros.srv import ForgetContact
-from tactile_ros.types import ContactStates, Frame, Layout
+from tactile_ros.types import ContactStates, Frame, Layout, Recording
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
-
     from conftest import Ros
 
-    from tactile_ros.types import Recording
-
-LAYOUT = Layout(np.zeros((1, 3)), ('p',), '1')
-WINDOW = 2
+SPEC = load_sensor('multipole_skin')
+WINDOW = SPEC.config().window  # type: ignore[attr-defined]
 PATIENCE_S = 60.0
 PRESS = (0.0, 5.0, 5.0, 5.0, 0.0)
 
@@ -52,20 +48,16 @@ PRESS = (0.0, 5.0, 5.0, 5.0, 0.0)
 class Skin:
     """A pipeline that learns names; `gate` is passed on the way into a file."""
 
-    sensor, layout, digest = 'toy', LAYOUT, 'one and only'
+    sensor, layout, digest = 'toy', Layout(np.zeros((1, 3)), ('p',), '1'), 'one and only'
     failures = 0
-    config = SimpleNamespace(window=WINDOW)
+    config = SimpleNamespace(window=2)
+    estimation = SimpleNamespace(learns_classes=True)
+    baseline = np.zeros((1, 1))
     report: dict[str, dict[str, float]] = {}  # noqa: RUF012
 
     def __init__(self, gate: Callable[[], None] = lambda: None) -> None:
-        self.estimation = SimpleNamespace(learns_classes=True)
-        self.stream = None
         self.label_names: tuple[str, ...] = ()
-        self.baseline = np.zeros((1, 1))
         self.gate, self.saved = gate, 0
-
-    def reset(self) -> None:
-        """Nothing is remembered."""
 
     def process(self, frame: Frame) -> object:
         touched = np.array([int(frame.values[0, 0] > 1)])
@@ -95,9 +87,9 @@ class Room:
         self.learned: list[EnrolResult] = []
         self.changes: list[object] = []
         self.file = Skin(self.pass_gate)
-        self.stage = ContactLoop(Skin(), 3, False, lambda _: None)  # type: ignore[arg-type]
+        self.loop = ContactLoop(Skin(), 3, False, lambda _: None)  # type: ignore[arg-type]
         self.enrol = Enrolment(
-            self.stage, 'skin.npz', lambda _: self.file, Skin.digest, self.changes.append
+            self.loop, 'skin.npz', lambda _: self.file, Skin.digest, self.changes.append
         )  # type: ignore[arg-type]
         self.count = 0
 
@@ -107,7 +99,7 @@ class Room:
 
     def feed(self, *values: float) -> None:
         for value in values:
-            self.stage.process(Frame(self.count, self.count, np.full((1, 1), value)))
+            self.loop.process(Frame(self.count, self.count, np.full((1, 1), value)))
             self.count += 1
 
     def begin(self) -> None:
@@ -138,13 +130,13 @@ def room() -> Iterator[Room]:
 def test_no_frame_waits_while_a_class_is_judged(room: Room) -> None:
     room.begin()
     room.feed(*PRESS, *PRESS)  # would hang here
-    assert room.stage.statistics.frames == 3 * len(PRESS)
+    assert room.loop.statistics.frames == 3 * len(PRESS)
     assert not room.ended.is_set()
     assert room.finish().success
     assert room.file.saved == len(room.changes) == 1
 
 
-def test_a_lesson_can_be_withdrawn_until_its_class_is_written(room: Room) -> None:
+def test_enrolment_can_be_withdrawn_until_its_class_is_written(room: Room) -> None:
     room.begin()
     assert room.enrol.cancel()
     assert room.finish() == EnrolResult(False, 'cancelled', cancelled=True)
@@ -161,21 +153,17 @@ def test_a_class_that_is_being_written_is_not_withdrawn(room: Room) -> None:
     assert len(room.changes) == 1
 
 
-def test_whoever_asks_to_forget_hears_the_end_whatever_happens(room: Room) -> None:
+def test_whoever_asks_hears_the_end_whatever_happens(room: Room) -> None:
     assert room.enrol.forget('odd') == (False, 'RuntimeError: nobody foresaw this')
-    assert room.file.saved == 0
+    room.file.save = lambda _: 1 / 0  # type: ignore[assignment, method-assign, return-value]
+    room.begin()
+    assert room.finish() == EnrolResult(False, 'ZeroDivisionError: division by zero')
+    assert (room.changes, room.file.saved) == ([], 0)
     room.enrol.close()
     assert room.enrol.forget('mug') == (False, CLOSED)
 
 
-def test_a_lesson_that_fails_in_an_unforeseen_way_says_so(room: Room) -> None:
-    room.file.save = lambda _: 1 / 0  # type: ignore[assignment, method-assign, return-value]
-    room.begin()
-    assert room.finish() == EnrolResult(False, 'ZeroDivisionError: division by zero')
-    assert room.changes == []
-
-
-def test_once_a_watch_is_taken_away_no_frame_is_in_it(room: Room) -> None:
+def test_once_an_observer_is_taken_away_no_frame_is_in_it(room: Room) -> None:
     order: list[str] = []
 
     def watch(*_: object) -> None:
@@ -183,10 +171,10 @@ def test_once_a_watch_is_taken_away_no_frame_is_in_it(room: Room) -> None:
         order.append('watched')
 
     def take_away() -> None:
-        room.stage.observe(None)
+        room.loop.observe(None)
         order.append('taken away')
 
-    room.stage.observe(watch)
+    room.loop.observe(watch)
     stream, other = (threading.Thread(target=one) for one in (lambda: room.feed(0.0), take_away))
     stream.start()
     assert room.reached.wait(PATIENCE_S)
@@ -198,60 +186,69 @@ def test_once_a_watch_is_taken_away_no_frame_is_in_it(room: Room) -> None:
     assert order == ['watched', 'taken away']
 
 
-SPEC = load_sensor('multipole_skin')
-TEST_ENROLMENT_WINDOW = SPEC.config().window  # type: ignore[attr-defined]
+class Hand:
+    """A contact_node, and who presses its skin, asks for classes and hears contacts."""
 
-
-class Hand(Node):
-    """Presses the skin: sends frames, asks for classes, and hears contacts."""
-
-    def __init__(self, presses: Recording) -> None:
-        super().__init__('hand')
-        self.contacts: list[TactileContacts] = []
-        self.calibrations: list[dict[str, object]] = []
+    def __init__(self, ros: Ros, presses: Recording, *parameters: str) -> None:
+        ros.init('sensor:=multipole_skin', 'listeners:=1', *parameters)
+        self.ros, self.presses, self.count = ros, presses, 0
         self.told: list[Enrol.Feedback] = []
-        self.presses = presses
-        self.count = 0
-        self.frame = self.create_publisher(TactileFrame, 'frame', qos())
-        self.create_subscription(TactileContacts, 'contacts', self.contacts.append, qos())
-        self.create_subscription(
-            String, 'calibration', lambda m: self.calibrations.append(json.loads(m.data)),
-            qos('layout'),
-        )  # fmt: skip
-        self.enrol = ActionClient(self, Enrol, 'contact_node/enrol')
-        self.forget = self.create_client(ForgetContact, 'contact_node/forget')
+        self.frame = ros.listener.create_publisher(TactileFrame, 'frame', qos())
+        self.contacts: list[TactileContacts] = ros.hear(TactileContacts, 'contacts')
+        self._calibrations: list[String] = ros.hear(String, 'calibration')
+        self.enrol = ActionClient(ros.listener, Enrol, 'contact_node/enrol')
+        self.start()
 
-    def send(self, values: np.ndarray) -> None:
-        """Publish rows as frames at 80 Hz."""
-        for row in values:
+    def start(self) -> None:
+        """A node that begins anew."""
+        self.node = self.ros.add(ContactNode())
+        lifecycle.start([self.node])
+        heard = self.frame.get_subscription_count
+        assert self.ros.until(lambda: heard() and self.node.is_heard())
+        self.begin_stream()
+
+    def begin_stream(self) -> None:
+        self.contacts.clear()
+        self.count = 0
+
+    def end(self) -> None:
+        """End the node as its process would."""
+        self.ros.executor.remove_node(self.node)
+        self.ros.nodes.remove(self.node)
+        self.node.end()
+        assert self.ros.until(lambda: not self.frame.get_subscription_count())
+
+    def press(self, number: int, scale: float = 1.0) -> None:
+        """One of the presses from rest to rest, heard to its end."""
+        for row in enrolled_skin.press_of(self.presses, number, scale):
             message = TactileFrame()
             fill_frame(message, enrolled_skin.frame_of(self.count, row), 'palm')
             self.frame.publish(message)
             self.count += 1
+        assert self.ros.until(lambda: len(self.contacts) == self.count)
 
-    def press(self, ros: Ros, number: int, scale: float = 1.0) -> None:
-        """One of the presses from rest to rest, heard to its end."""
-        self.send(enrolled_skin.press_of(self.presses, number, scale))
-        assert ros.until(lambda: len(self.contacts) == self.count)
-
-    def ask(self, ros: Ros, label: str, presses: int = 1, **more: object) -> object:
+    def ask(self, label: str, presses: int = 1, **more: object) -> object:
         """Ask for a class; the goal is under way."""
-        assert ros.until(self.enrol.server_is_ready)
+        assert self.ros.until(self.enrol.server_is_ready)
         goal = Enrol.Goal(label=label, presses=presses, **{'timeout': 60.0, **more})
         sent = self.enrol.send_goal_async(goal, lambda m: self.told.append(m.feedback))
-        assert ros.until(sent.done)
-        return sent.result()
+        return self.ros.result(sent)
 
-    def labels(self) -> list[int]:
-        """Answers so far."""
-        return [message.label for message in self.contacts if message.label >= 0]
+    def result(self, handle: object) -> object:
+        """Status and result of a goal."""
+        return self.ros.result(handle.get_result_async())
 
+    def forget(self, label: str) -> bool:
+        return self.ros.ask(ForgetContact, 'contact_node/forget', label=label).success
 
-def result(ros: Ros, handle: object) -> object:
-    """Status and result of a goal."""
-    future = handle.get_result_async()
-    assert ros.until(future.done)
-    return future.result()
+    def labels(self, last: int = 0) -> set[str]:
+        """Names of the answers so far."""
+        return {m.label_name for m in self.contacts[-last:] if m.label >= 0}
+
+    def announced(self, count: int) -> dict[str, object]:
+        """Calibration that is announced at last, of so many."""
+        assert self.ros.until(lambda: len(self._calibrations) == count)
+        return json.loads(self._calibrations[-1].data)
 
 
 @pytest.fixture(scope='session')
@@ -261,94 +258,55 @@ def mugs() -> Recording:
 
 
 @pytest.fixture
-def pair(ros: Ros, own_skin: Path, mugs: Recording) -> tuple[ContactNode, Hand]:
-    """A calibrated contact_node that is heard, and the hand."""
-    ros.init('sensor:=multipole_skin', f'calibration:={own_skin}', 'listeners:=1')
-    return connected(ros, mugs)
-
-
-def connected(ros: Ros, mugs: Recording) -> tuple[ContactNode, Hand]:
-    contact, hand = ros.add(ContactNode()), ros.add(Hand(mugs))
-    lifecycle.start([contact])
-    assert ros.until(lambda: hand.frame.get_subscription_count() and contact.is_heard())
-    return contact, hand
+def hand(ros: Ros, own_skin: Path, mugs: Recording) -> Hand:
+    """Of a calibrated contact_node."""
+    return Hand(ros, mugs, f'calibration:={own_skin}')
 
 
 def test_a_class_is_learned_recognised_kept_and_forgotten(
-    ros: Ros, pair: tuple[ContactNode, Hand], own_skin: Path
+    ros: Ros, hand: Hand, own_skin: Path
 ) -> None:
-    _, hand = pair
     before = SPEC.load(own_skin).digest
-    hand.press(ros, 0)
-    assert 5 not in hand.labels()
-    handle = hand.ask(ros, 'mug', 3)
+    hand.press(0)
+    assert 'mug' not in hand.labels()
+    handle = hand.ask('mug', 3)
     for number in (1, 2, 3):
-        hand.press(ros, number)
+        hand.press(number)
         assert ros.until(lambda n=number: len(hand.told) == n)
     assert [feedback.presses for feedback in hand.told] == [1, 2, 3]
     assert hand.told[0].message == 'press 1 of 3 taken'
-    ended = result(ros, handle)
+    ended = hand.result(handle)
     assert ended.status == GoalStatus.STATUS_SUCCEEDED
     assert (ended.result.success, ended.result.index) == (True, 5)
     assert "'mug' learned from 3 presses; it takes 0 % of 8 known presses" in ended.result.message
-    hand.contacts.clear()
-    hand.count = 0  # a stream that begins anew
-    hand.press(ros, 4)
-    assert set(hand.labels()) == {5}
-    assert {m.label_name for m in hand.contacts if m.label == 5} == {'mug'}
-    # the file is what the stream goes on with, and a node that starts again knows the class
+    hand.begin_stream()
+    hand.press(4)
+    assert hand.labels() == {'mug'}
+    # the file is what the stream goes on with
     kept = SPEC.load(own_skin)
     assert kept.label_names[-1] == 'mug'
-    assert ros.until(lambda: len(hand.calibrations) == 2)
-    assert hand.calibrations[-1]['sha256'] == kept.digest
-    assert hand.calibrations[-1]['enrolled'] == 'mug'
-    assert len(hand.calibrations[-1]['presses']) == 3
-    answer = ros.call(hand.forget, ForgetContact.Request(label='mug'))
-    assert answer.success
+    told = hand.announced(2)
+    assert (told['sha256'], told['enrolled'], len(told['presses'])) == (kept.digest, 'mug', 3)
+    # and a node that starts again knows the class
+    hand.end()
+    hand.start()
+    hand.press(4)
+    assert hand.labels() == {'mug'}
+    told = hand.announced(3)
+    assert (told['sha256'], told.get('enrolled')) == (kept.digest, None)
+    assert hand.forget('mug')
     assert SPEC.load(own_skin).digest == before
-    hand.press(ros, 5)
-    assert ros.until(lambda: len(hand.calibrations) == 3)
-    assert hand.calibrations[-1]['sha256'] == before
-    assert 5 not in [m.label for m in hand.contacts[-60:]]
-    assert not ros.call(hand.forget, ForgetContact.Request(label='mug')).success
+    hand.press(5)
+    assert hand.announced(4)['sha256'] == before
+    assert 'mug' not in hand.labels(last=60)
+    assert not hand.forget('mug')
 
 
-def test_a_node_that_starts_anew_knows_what_was_learned(
-    ros: Ros, pair: tuple[ContactNode, Hand]
-) -> None:
-    contact, hand = pair
-    handle = hand.ask(ros, 'mug', 2)
-    for number in (1, 2):
-        hand.press(ros, number)
-    assert result(ros, handle).result.success
-    assert ros.until(lambda: hand.calibrations[-1].get('enrolled') == 'mug')
-    digest = hand.calibrations[-1]['sha256']
-    contact.trigger_shutdown()
-    ros.executor.remove_node(contact)
-    ros.nodes.remove(contact)
-    contact.destroy_node()
-    assert ros.until(lambda: not hand.frame.get_subscription_count())
-    again = ros.add(ContactNode())
-    lifecycle.start([again])
-    assert ros.until(lambda: hand.frame.get_subscription_count() and again.is_heard())
-    hand.contacts.clear()
-    hand.count = 0
-    hand.press(ros, 4)
-    assert {m.label_name for m in hand.contacts if m.label >= 0} == {'mug'}
-    assert ros.until(lambda: hand.calibrations[-1].get('enrolled') is None)
-    assert hand.calibrations[-1]['sha256'] == digest
-
-
-def test_weak_and_clipped_presses_are_refused_and_say_so(
-    ros: Ros, pair: tuple[ContactNode, Hand]
-) -> None:
-    _, hand = pair
-    handle = hand.ask(ros, 'mug')
-    hand.press(ros, 1, scale=0.08)
-    hand.press(ros, 1, scale=80.0)
-    hand.press(ros, 2)
-    ended = result(ros, handle)
-    assert ended.result.success
+def test_weak_and_clipped_presses_are_refused_and_say_so(ros: Ros, hand: Hand) -> None:
+    handle = hand.ask('mug')
+    for number, scale in ((1, 0.08), (1, 80.0), (2, 1.0)):
+        hand.press(number, scale)
+    assert hand.result(handle).result.success
     assert ros.until(lambda: len(hand.told) == 3)
     weak, clipped, good = hand.told
     assert (weak.presses, clipped.presses, good.presses) == (0, 0, 1)
@@ -356,68 +314,54 @@ def test_weak_and_clipped_presses_are_refused_and_say_so(
     assert 'clipped or faulty: press less' in clipped.message
 
 
-def test_a_lesson_that_ends_early_leaves_everything_as_it_was(
-    ros: Ros, pair: tuple[ContactNode, Hand], own_skin: Path
+def test_enrolment_that_ends_early_leaves_everything_as_it_was(
+    ros: Ros, hand: Hand, own_skin: Path
 ) -> None:
-    contact, hand = pair
     content = own_skin.read_bytes()
-    handle = hand.ask(ros, 'mug', 3)
-    hand.press(ros, 0)
+    handle = hand.ask('mug', 3)
+    hand.press(0)
     assert ros.until(lambda: len(hand.told) == 1)
-    busy = result(ros, hand.ask(ros, 'cup'))
+    busy = hand.result(hand.ask('cup'))
     assert busy.status == GoalStatus.STATUS_ABORTED
     assert 'another class is being enrolled' in busy.result.message
-    cancelled = handle.cancel_goal_async()
-    assert ros.until(cancelled.done)
-    assert result(ros, handle).status == GoalStatus.STATUS_CANCELED
-    late = result(ros, hand.ask(ros, 'mug', 3, timeout=0.05))
+    ros.result(handle.cancel_goal_async())
+    assert hand.result(handle).status == GoalStatus.STATUS_CANCELED
+    late = hand.result(hand.ask('mug', 3, timeout=0.05))
     assert "0 of 3 presses of 'mug' came within 0.05 s" in late.result.message
-    handle = hand.ask(ros, 'mug')
-    contact.trigger_deactivate()
-    ended = result(ros, handle)
-    assert ended.result.message == 'contact_node was deactivated'
+    handle = hand.ask('mug')
+    hand.node.trigger_deactivate()
+    assert hand.result(handle).result.message == 'contact_node was deactivated'
     assert own_skin.read_bytes() == content
-    inactive = result(ros, hand.ask(ros, 'mug'))
-    assert 'activate it first' in inactive.result.message
+    assert 'activate it first' in hand.result(hand.ask('mug')).result.message
 
 
 def test_the_client_of_the_command_line_hears_every_press_and_the_end(
-    ros: Ros, pair: tuple[ContactNode, Hand]
+    ros: Ros, hand: Hand
 ) -> None:
-    _, hand = pair
     client = EnrolmentClient()
     told: list[tuple[int, str]] = []
     try:
         with ThreadPoolExecutor(1) as pool:
-
-            def answer(call: Callable[..., object], *arguments: object) -> object:
-                future = pool.submit(call, *arguments)
-                assert ros.until(future.done)
-                return future.result()
-
             asked = pool.submit(
                 client.enrol, EnrolRequest('mug', 1), lambda *said: told.append(said)
             )
             number = cycle(range(8))
             # until one press fell wholly into the lesson
-            assert ros.until(lambda: asked.done() or hand.press(ros, next(number)))
+            assert ros.until(lambda: asked.done() or hand.press(next(number)))
             assert asked.result().success
             assert told == [(1, 'press 1 of 1 taken')]
-            assert answer(client.forget, 'mug') == (
-                True, "'mug' forgotten; classes are 0, 1, 2, 3, 4"
-            )  # fmt: skip
-            refused = answer(client.enrol, EnrolRequest(' ', 1), print)
+            forgotten = ros.result(pool.submit(client.forget, 'mug'))
+            assert forgotten == (True, "'mug' forgotten; classes are 0, 1, 2, 3, 4")
+            refused = ros.result(pool.submit(client.enrol, EnrolRequest(' ', 1), print))
             assert 'label of enrol must be a name' in refused.message
     finally:
         client.close()
 
 
 def test_without_a_file_nothing_is_learned(ros: Ros, mugs: Recording) -> None:
-    ros.init('sensor:=multipole_skin', 'listeners:=1')
-    _, hand = connected(ros, mugs)
-    ended = result(ros, hand.ask(ros, 'mug'))
-    assert 'needs a calibration file' in ended.result.message
-    assert not ros.call(hand.forget, ForgetContact.Request(label='mug')).success
+    hand = Hand(ros, mugs)
+    assert 'needs a calibration file' in hand.result(hand.ask('mug')).result.message
+    assert not hand.forget('mug')
 
 
 def test_one_answer_stands_on_the_last_frame_of_each_window_of_a_twin(
@@ -427,17 +371,14 @@ def test_one_answer_stands_on_the_last_frame_of_each_window_of_a_twin(
         'sensor:=multipole_skin', f'calibration:={taught_skin}', 'simulated:=true',
         'transport:=serial', 'seed:=1', 'contact_node:listeners:=1',
     )  # fmt: skip
-    contact, sensor = (ros.add(node) for node in stack.build())
-    listener = ros.add(Node('listener'))
-    heard: list[TactileContacts] = []
-    listener.create_subscription(TactileContacts, 'contacts', heard.append, qos())
-    lifecycle.start([contact, sensor])
+    nodes = [ros.add(node) for node in stack.build()]
+    heard: list[TactileContacts] = ros.hear(TactileContacts, 'contacts')
+    lifecycle.start(nodes)
     assert ros.until(lambda: sum(m.label >= 0 for m in heard) >= 8)
     held = 0
     for message in heard:
         held = held + 1 if message.in_contact == 1 else 0
         answered = message.label >= 0
-        assert not answered or held % TEST_ENROLMENT_WINDOW == 0, message.sequence
+        assert not answered or held % WINDOW == 0, message.sequence
         assert message.label_probability > 0 if answered else np.isnan(message.label_probability)
-    onsets = [m for m, n in pairwise(heard) if m.in_contact < n.in_contact]
-    assert onsets
+    assert any(m.in_contact < n.in_contact for m, n in pairwise(heard))

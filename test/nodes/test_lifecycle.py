@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.node import Node
 
 from tactile_ros.nodes import lifecycle
 from tactile_ros.nodes.lifecycle import ManagedNode, diagnostic
@@ -22,6 +21,8 @@ class Fragile(ManagedNode):
         super().__init__('fragile')
         self.fails_at = ''
         self.did: list[str] = []
+        for name in ('configure', 'activate', 'cleanup'):
+            setattr(self, name, lambda name=name: self._do(name))
 
     def _do(self, name: str) -> None:
         self.did.append(name)
@@ -29,25 +30,15 @@ class Fragile(ManagedNode):
             msg = f'{name} failed'
             raise RuntimeError(msg)
 
-    def configure(self) -> None:
-        self._do('configure')
-
-    def activate(self) -> None:
-        self._do('activate')
-
-    def cleanup(self) -> None:
-        self._do('cleanup')
-
     def diagnose(self) -> DiagnosticStatus:
         self._do('diagnose')
         return DiagnosticStatus(name='well')
 
 
-def test_a_callback_that_fails_is_told_and_the_others_go_on(
+def test_spin_tells_a_callback_that_fails_and_goes_on(
     ros: Ros, capfd: pytest.CaptureFixture[str]
 ) -> None:
     ros.init()
-    node = ros.add(Node('two_timers'))
     done: list[str] = []
 
     def broken() -> None:
@@ -55,8 +46,8 @@ def test_a_callback_that_fails_is_told_and_the_others_go_on(
         msg = 'this callback fails'
         raise RuntimeError(msg)
 
-    node.create_timer(0.01, broken)
-    node.create_timer(0.01, lambda: done.append('well'))
+    ros.listener.create_timer(0.01, broken)
+    ros.listener.create_timer(0.01, lambda: done.append('well'))
     lifecycle.spin(ros.executor, lambda: done.count('well') > 3 and done.count('broken') > 1)
     assert 'this callback fails' in capfd.readouterr().err
 
@@ -79,9 +70,8 @@ def test_diagnostics_that_fail_are_diagnostics_too(
 ) -> None:
     monkeypatch.setattr(lifecycle, 'DIAGNOSTICS_PERIOD_S', 0.02)
     ros.init()
-    node, listener = ros.add(Fragile()), ros.add(Node('listener'))
-    heard: list[DiagnosticArray] = []
-    listener.create_subscription(DiagnosticArray, '/diagnostics', heard.append, 10)
+    node = ros.add(Fragile())
+    heard: list[DiagnosticArray] = ros.hear(DiagnosticArray, '/diagnostics')
     node.fails_at = 'diagnose'
     node.trigger_configure()
     node.trigger_activate()

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -20,22 +21,18 @@ from tactile_ros.nodes.player_node import FrameMatcher, Playback, PlaybackCounts
 from tactile_ros.nodes.standard_messages import TruthMessages
 from tactile_ros.types import Frame, Recording
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
 PATIENCE_S = 120.0
 
 
 class Echo:
     """Reads the port and tells the matcher which frames came, as the graph does."""
 
-    def __init__(self, path: Path, recording: Recording, matcher: FrameMatcher) -> None:
+    def __init__(self, path: Path, recording: Recording) -> None:
+        self.path, self.recording = path, recording
         self.board = ReskinBoard(str(path), recording.layout)
-        self.matcher = matcher
+        self.matcher = FrameMatcher()
         self.rows: list[int] = []
-        self.stop = threading.Event()
-        self.deaf = threading.Event()
+        self.stop, self.deaf = threading.Event(), threading.Event()
         self.thread = threading.Thread(target=self.run)
 
     def __enter__(self) -> Echo:
@@ -58,6 +55,17 @@ class Echo:
                 self.rows += [row] if row >= 0 else []
                 self.matcher.acknowledge(frame.sequence)
 
+    def playback(
+        self,
+        tare: Callable[[float], tuple[bool, str]] | None = None,
+        missing: Callable[[], str] = str,
+        **options: object,
+    ) -> Playback:
+        """Playback into the port, as fast as it goes."""
+        chosen = {'patience_s': 10.0, 'speed_up': float('inf'), 'rate_hz': 1e6, 'window': 4}
+        made = PlayerOptions(port=str(self.path), **{**chosen, **options})
+        return Playback(self.recording, made, self.matcher, tare, missing)
+
 
 @pytest.fixture
 def short(touches: Recording) -> Recording:
@@ -66,41 +74,35 @@ def short(touches: Recording) -> Recording:
 
 @pytest.fixture
 def echo(short: Recording, tmp_path: Path) -> Iterator[Echo]:
-    with Echo(tmp_path / 'port', short, FrameMatcher()) as running:
+    with Echo(tmp_path / 'port', short) as running:
         yield running
 
 
-def options_of(tmp_path: Path, patience_s: float = 10.0, loop: bool = False) -> PlayerOptions:
-    return PlayerOptions(
-        port=str(tmp_path / 'port'), speed_up=float('inf'), rate_hz=1e6, window=4,
-        patience_s=patience_s, loop=loop,
-    )  # fmt: skip
-
-
-def test_every_row_comes_back_and_every_rest_is_tared(
-    short: Recording, tmp_path: Path, echo: Echo
-) -> None:
-    through, tallies = [], []
+def test_every_row_comes_back_and_every_rest_is_tared(echo: Echo) -> None:
+    through, ends = [], []
 
     def tare(_: float) -> tuple[bool, str]:
         through.append(list(echo.rows))
         return len(through) != 2, 'not now'
 
-    played = Playback(short, options_of(tmp_path), echo.matcher, tare, lambda: '')
-    played.play(tallies.append)
+    echo.playback(tare).play(ends.append)
     assert echo.rows == list(range(12))
     # each tare is asked for after its resting row went through, and before the touch is sent
     assert [rows[-1] for rows in through] == [0, 2, 4, 6, 8, 10]
-    tally = tallies[0]
-    assert (tally.rows, tally.lost, tally.tares, tally.refused) == (12, 0, 5, 1)
-    assert tally.refusal == 'not now'
-    assert 'played 12 rows' in str(tally)
-    assert not (tmp_path / 'port').is_symlink()
+    counts = ends[0]
+    assert (counts.rows, counts.lost, counts.tares, counts.refused) == (12, 0, 5, 1)
+    assert counts.refusal == 'not now'
+    assert 'played 12 rows' in str(counts)
+    assert not echo.path.is_symlink()
 
 
-def test_what_the_graph_lacks_is_said(
-    short: Recording, tmp_path: Path, echo: Echo, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_rows_are_played_at_their_times(echo: Echo) -> None:
+    begin = time.monotonic()
+    echo.playback(rate_hz=200.0).play(print)
+    assert time.monotonic() - begin >= 11 * 5e-3
+
+
+def test_what_the_graph_lacks_is_said(echo: Echo, monkeypatch: pytest.MonkeyPatch) -> None:
     ahead = [0.0]
     clock = SimpleNamespace(monotonic=lambda: time.monotonic() + ahead[0])
     monkeypatch.setattr(player, 'time', clock)
@@ -109,19 +111,18 @@ def test_what_the_graph_lacks_is_said(
         ahead[0] += PATIENCE_S  # only once the port is read, which takes a busy machine long
         return 'contact_node is missing'
 
-    played = Playback(short, options_of(tmp_path, PATIENCE_S), echo.matcher, None, missing)
     with pytest.raises(DeviceError, match='contact_node is missing'):
-        played.play(print)
+        echo.playback(missing=missing, patience_s=PATIENCE_S).play(print)
 
 
 def test_a_port_that_nobody_reads_is_said(short: Recording, tmp_path: Path) -> None:
-    played = Playback(short, options_of(tmp_path, 0.2), FrameMatcher(), None, lambda: '')
+    unread = Echo(tmp_path / 'port', short)
     with pytest.raises(DeviceError, match='nobody opens the simulated port'):
-        played.play(print)
+        unread.playback(patience_s=0.2).play(print)
 
 
 def test_a_graph_that_falls_silent_is_given_up(
-    short: Recording, tmp_path: Path, echo: Echo, monkeypatch: pytest.MonkeyPatch
+    echo: Echo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(player, 'LOST_S', 0.02)
 
@@ -129,17 +130,16 @@ def test_a_graph_that_falls_silent_is_given_up(
         echo.deaf.set()
         return True, ''
 
-    played = Playback(short, options_of(tmp_path), echo.matcher, tare, lambda: '')
     with pytest.raises(DeviceError, match='did not come back'):
-        played.play(print)
+        echo.playback(tare).play(print)
 
 
-def test_stop_ends_a_loop(short: Recording, tmp_path: Path, echo: Echo) -> None:
-    played = Playback(short, options_of(tmp_path, loop=True), echo.matcher, None, lambda: '')
+def test_stop_ends_a_loop(echo: Echo) -> None:
+    played = echo.playback(loop=True)
     rounds: list[PlaybackCounts] = []
 
-    def count(tally: PlaybackCounts) -> None:
-        rounds.append(tally)
+    def count(counts: PlaybackCounts) -> None:
+        rounds.append(counts)
         if len(rounds) == 2:
             played.stop()
 
@@ -151,21 +151,17 @@ def test_stop_ends_a_loop(short: Recording, tmp_path: Path, echo: Echo) -> None:
 def test_truth_of_tare_rows_is_untouched(short: Recording) -> None:
     truth = TruthMessages(short)
     rows = [truth.message(row, Header(), row) for row in range(len(short))]
-    assert [rows[row].in_contact for row in np.flatnonzero(short.tare)] == [0] * 6
-    assert [rows[row].in_contact for row in np.flatnonzero(~short.tare)] == [-1] * 6
+    assert [row.in_contact for row in rows] == np.where(short.tare, 0, -1).tolist()
     contact = rows[1].contacts[0].position
     np.testing.assert_array_equal([contact.x, contact.y, contact.z], short.truth['position'][1])
+    got = player.as_received(encode(short.values[0]))
+    np.testing.assert_allclose(got, short.values[0], atol=1e-10)
 
 
 def test_runs_of_resting_rows() -> None:
     tare = np.array([True, True, False, True, False, False])
     assert player.runs(tare) == [(0, 2, True), (2, 3, False), (3, 4, True), (4, 6, False)]
     assert player.runs(np.zeros(0, bool)) == []
-
-
-def test_values_as_the_driver_reads_them(short: Recording) -> None:
-    got = player.as_received(encode(short.values[0]))
-    np.testing.assert_allclose(got, short.values[0], atol=1e-10)
 
 
 def frame(sequence: int, value: float) -> Frame:
@@ -179,52 +175,42 @@ def sent(*values: float) -> FrameMatcher:
     return matcher
 
 
-def never() -> bool:
-    return False
-
-
-def test_rows_come_back_in_order_also_alike() -> None:
-    matcher = sent(1, 1, 2)
-    assert [matcher.match(frame(7 + i, v)) for i, v in enumerate((1, 1, 2))] == [10, 11, 12]
-    assert matcher.lost == 0
-
-
-def test_a_lost_row_is_counted_and_skipped() -> None:
-    matcher = sent(1, 2, 3)
-    assert matcher.match(frame(0, 3)) == 12
-    assert matcher.lost == 2
-    assert matcher.match(frame(1, 3)) is None
-
-
-def test_a_stranger_is_no_row() -> None:
-    matcher = sent(1)
-    assert matcher.match(frame(0, 5)) is None
-    assert matcher.match(frame(1, 1)) == 10
-
-
-def test_nan_is_recognised() -> None:
-    matcher = sent(np.nan)
-    assert matcher.match(frame(0, np.nan)) == 10
+@pytest.mark.parametrize(
+    ('values', 'returned', 'rows', 'lost'),
+    [
+        ((1, 1, 2), (1, 1, 2), [10, 11, 12], 0),
+        ((1, 2, 3), (3, 3), [12, None], 2),
+        ((1,), (5, 1), [None, 10], 0),
+        ((np.nan,), (np.nan,), [10], 0),
+    ],
+    ids=['alike', 'lost', 'a stranger', 'nan'],
+)
+def test_matcher_knows_rows_by_order_and_content(
+    values: tuple[float, ...], returned: tuple[float, ...], rows: list[int | None], lost: int
+) -> None:
+    matcher = sent(*values)
+    assert [matcher.match(frame(7 + i, v)) for i, v in enumerate(returned)] == rows
+    assert matcher.lost == lost
 
 
 def test_through_needs_both_the_frame_and_the_acknowledgement() -> None:
     matcher = sent(1, 2)
     matcher.acknowledge(5)
-    assert not matcher.is_through(0)
+    assert matcher.through == 0
     matcher.match(frame(5, 1))
-    assert matcher.is_through(0)
+    assert matcher.through == 1
     matcher.match(frame(6, 2))
-    assert not matcher.is_through(1)
+    assert matcher.through == 1
     matcher.acknowledge(6)
-    assert matcher.wait(1, 1.0, never)
+    assert matcher.wait(2, 1.0, bool)
 
 
 def test_waiting_ends_by_time_by_stop_and_by_giving_up() -> None:
     matcher = sent(1)
-    assert not matcher.wait(0, 0.01, never)
+    assert not matcher.wait(1, 0.01, bool)
     stop = threading.Event()
     threading.Timer(0.02, lambda: (stop.set(), matcher.wake())).start()
-    assert not matcher.wait(0, 5.0, stop.is_set)
+    assert not matcher.wait(1, 5.0, stop.is_set)
     assert matcher.give_up() == 1
     assert matcher.lost == 1
-    assert matcher.wait(0, 0.0, never)
+    assert matcher.wait(1, 0.0, bool)
