@@ -14,13 +14,14 @@ from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from tactile_ros.nodes.graph import HandSetup, grasping
 from tactile_ros.nodes.processes import chosen, declared, node_of
 
-DEFAULTS = HandSetup()
+DEFAULTS = HandSetup(stack=True)
 
 
 def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     """Every process of the graph that the arguments choose."""
     level = LaunchConfiguration('log_level').perform(context)
-    return [node_of(p, level) for p in grasping(chosen(context, DEFAULTS)).processes]
+    setting = chosen(context, DEFAULTS)
+    return [node_of(p, level, setting.respawn) for p in grasping(setting).processes]
 
 
 def generate_launch_description() -> LaunchDescription:

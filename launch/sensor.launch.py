@@ -14,10 +14,10 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
-from tactile_ros.nodes.graph import SensorSetup, sensing
-from tactile_ros.nodes.processes import TRUE_OR_FALSE, chosen, declared, node_of
+from tactile_ros.nodes.graph import SensorSetup, frame_of, sensing
+from tactile_ros.nodes.processes import TRUE_OR_FALSE, chosen, declared, node_of, number_of
 
-DEFAULTS = SensorSetup()
+DEFAULTS = SensorSetup(stack=True)
 POSE = {
     'parent_frame': ('', 'frame that the sensor is mounted on; empty: no static transform'),
     'x': ('0.0', 'pose of the sensor in parent_frame (m)'),
@@ -43,8 +43,11 @@ def mounting(context: LaunchContext, setting: SensorSetup) -> list[Node]:
     parent = pose.pop('parent_frame')
     if not parent:
         return []
-    arguments = [text for name, value in pose.items() for text in (f'--{name}', value)]
-    frames = ['--frame-id', parent, '--child-frame-id', setting.frame_id]
+    arguments = []
+    for name, value in pose.items():
+        arguments += [f'--{name}', str(number_of(name, value, float))]
+    child = frame_of(setting.namespace, setting.frame_id, setting.frame_prefix)
+    frames = ['--frame-id', parent, '--child-frame-id', child]
     return [
         Node(
             package='tf2_ros',
@@ -59,7 +62,7 @@ def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     """Every process of the graph that the arguments choose."""
     setting = setting_of(context)
     level = LaunchConfiguration('log_level').perform(context)
-    nodes = [node_of(process, level) for process in sensing(setting).processes]
+    nodes = [node_of(process, level, setting.respawn) for process in sensing(setting).processes]
     return [*nodes, *mounting(context, setting)]
 
 

@@ -30,7 +30,10 @@ MOST_CHARACTERS = 200
 Value = bool | int | float | str | list[float] | list[str]
 SOURCES = ('hardware', 'recorded', 'simulated')
 # choices of a hand that hold for its sensors too
-SHARED = ('params_file', 'use_sim_time', 'autostart', 'sensor', 'source', 'stack')
+SHARED = (
+    'params_file', 'use_sim_time', 'autostart', 'sensor', 'source', 'stack', 'frame_prefix',
+)  # fmt: skip
+PREFIX = 'before the names of sensor frames in tf, as robot_state_publisher has it; empty: none'
 T = TypeVar('T')
 
 
@@ -137,6 +140,7 @@ class Everywhere:
     params_file: str = choice('', 'YAML file of parameters, as those in config; empty: none')
     use_sim_time: bool = choice(False, 'take time from /clock')
     autostart: bool = choice(True, 'configure and activate the nodes at start')
+    respawn: bool = choice(True, 'start nodes of sensors again that end by themselves')
 
     def chosen(self, *names: str) -> dict[str, Value]:
         """Values that differ from the defaults; the rest is left to the parameter file."""
@@ -174,7 +178,10 @@ class SensorSetup(Everywhere):
     loop: bool = choice(False, 'the player begins again at the end')
     seed: int = choice(0, 'of a simulated twin: its signal, noise and faults')
     fault: str = choice('', 'that a simulated twin suffers at the start, as name or name:count')
-    frame_id: str = choice('tactile_sensor', 'name of the sensor frame in tf')
+    frame_id: str = choice(
+        '', 'name of the sensor frame in tf; empty: tactile_sensor, or after the namespace'
+    )
+    frame_prefix: str = choice('', PREFIX)
 
     @property
     def place(self) -> str:
@@ -211,6 +218,7 @@ class HandSetup(Everywhere):
         'take limits, and pads whose frame is a link, from robot_description where it comes',
     )
     wait_for_robot_description: bool = choice(False, 'send nothing before it has come')
+    frame_prefix: str = choice('', PREFIX)
     seed: int = choice(0, 'of the simulated twins, counted up from finger to finger')
 
     def sensors(self) -> list[str]:
@@ -235,7 +243,6 @@ class HandSetup(Everywhere):
                 **{**common, 'namespace': f'{below}/{name}'.lstrip('/'), 'seed': self.seed + i},
                 port=own[i] if real else PORT,
                 calibration=str(Path(files) / f'{name}.npz') if files else '',
-                frame_id=f'{name}_tactile_link',
             )
             for i, name in enumerate(names)
         ]
@@ -253,6 +260,7 @@ class BagPlayback(Everywhere):
         3.0, 'time before the first message (s), in which player and node find each other'
     )
     use_sim_time: bool = field(default=True, init=False)
+    respawn: bool = field(default=False, init=False)
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -272,6 +280,21 @@ class BagPlayback(Everywhere):
         pace += ['--delay', str(self.delay)] if self.delay else []  # the player refuses 0
         pace += ['--wait-for-all-acked', '5000']  # ms: Fast DDS asks for it every 3 s
         return ['ros2', 'bag', 'play', self.bag, *pace, '--topics', *self.topics]
+
+
+def frame_of(namespace: str, frame_id: str = '', frame_prefix: str = '') -> str:
+    """Name in tf of the frame of a sensor: as stated, otherwise after its namespace.
+
+    Examples
+    --------
+    >>> [frame_of(space) for space in ('/', '/thumb', '/left/thumb')]
+    ['tactile_sensor', 'thumb_tactile_link', 'left/thumb_tactile_link']
+    >>> frame_of('/left/thumb', 'tip'), frame_of('/left/thumb', frame_prefix='robot_')
+    ('tip', 'robot_thumb_tactile_link')
+    """
+    hand, _, finger = namespace.strip('/').rpartition('/')
+    prefix = frame_prefix or (f'{hand}/' if hand and not frame_id else '')
+    return prefix + (frame_id or (f'{finger}_tactile_link' if finger else 'tactile_sensor'))
 
 
 def yaml_text(value: Value) -> str:
@@ -298,10 +321,13 @@ def sensing(setup: SensorSetup) -> Graph:
     for those who hear it, sensor_node for those who hear it, and the player for all of them.
     """
     recorded = setup.source == 'recorded'
+    if recorded and not load_sensor(setup.sensor).recordings():
+        msg = f'source must be hardware or simulated; {setup.sensor} has no recordings to play'
+        raise ValueError(msg)
     recorders = int(bool(setup.bag))
     contact = {**setup.chosen('sensor', 'calibration'), 'listeners': recorders + recorded}
     sensor = {
-        **setup.chosen('sensor', 'frame_id'),
+        **setup.chosen('sensor', 'frame_id', 'frame_prefix'),
         **({'port': setup.place} if setup.place != PORT else {}),
         'listeners': recorders + recorded + int(not setup.stack),
     }
@@ -362,7 +388,7 @@ def grasping(setup: HandSetup) -> Graph:
     grip.update(setup.chosen('use_robot_description', 'wait_for_robot_description'))
     fingers = setup.finger_setups()
     if setup.stack:
-        grip.update(setup.chosen('sensor', 'source', 'calibrations', 'seed'))
+        grip.update(setup.chosen('sensor', 'source', 'calibrations', 'seed', 'frame_prefix'))
         ports = [finger.place for finger in fingers]
         if setup.source != 'simulated' and set(ports) != {PORT}:
             grip['ports'] = ports

@@ -48,7 +48,10 @@ class OneSensorOptions(NodeOptions):
 class SensorOptions(OneSensorOptions):
     """Parameters of sensor_node besides those of the sensor's config and connection."""
 
-    frame_id: str = parameter('tactile_sensor', 'name of the sensor frame in tf')
+    frame_id: str = parameter(
+        '', 'name of the sensor frame in tf; empty: tactile_sensor, or after the namespace'
+    )
+    frame_prefix: str = parameter('', 'before that name, as robot_state_publisher has it')
     serial: str = parameter('', 'which board; goes into layout')
     listeners: int = parameter(
         0, 'read nothing before so many subscriptions to frame are there', range=(0, 100)
@@ -148,6 +151,7 @@ class StackOptions:
     ports: tuple[str, ...] = parameter((), 'serial ports in the order of the fingers')
     calibrations: str = parameter('', 'folder with <finger>.npz')
     seed: int = parameter(0, 'of the twins, counted up by finger')
+    frame_prefix: str = parameter('', 'before the names of sensor frames in tf')
     priority: int = parameter(
         0,
         'real-time priority of the process (SCHED_FIFO), where the system grants it; 0: none',

@@ -21,17 +21,23 @@ from tactile_ros.nodes.graph import PACKAGE, Graph, Process
 
 if TYPE_CHECKING:
     from launch.actions import DeclareLaunchArgument
+    from launch.events.process import ProcessExited
     from launch_ros.actions import Node
 
     from launch import LaunchContext
 
 T = TypeVar('T')
+N = TypeVar('N', int, float)
 STOP_S = 20.0  # a recorder writes its index at the end
 STARTED_BY = 'TACTILE_STARTED_BY'  # environment variable: process id of who started a node
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 MOST_LINES = 2000
 TRUE_OR_FALSE = ['true', 'false']
 LEVELS = ('debug', 'info', 'warn', 'error', 'fatal')
+FILES = ('params_file', 'calibration', 'calibrations')
+RESPAWNED = ('sensor_node', 'contact_node', 'stack')
+RESPAWN_DELAY_S = 2.0
+REFUSALS = (1, 2)  # exit codes of a node that can never run so
 LEVEL = ('log_level', 'info', 'how much the nodes say', LEVELS)
 
 
@@ -209,20 +215,56 @@ def declared(defaults: object) -> list[DeclareLaunchArgument]:
 
 
 def chosen(context: LaunchContext, defaults: T) -> T:
-    """Dataclass of what the arguments say, each in the type of its default."""
+    """Dataclass of what the arguments say, each in the type of its default.
+
+    ValueError with one sentence for what is no number, or a file that cannot be read.
+    """
     values: dict[str, Any] = {}
     for field in fields(defaults):  # type: ignore[arg-type]
         text = context.launch_configurations.get(field.name)
         default = getattr(defaults, field.name)
-        if text is not None:
-            is_switch = isinstance(default, bool)
-            values[field.name] = text == 'true' if is_switch else type(default)(text)
+        if text is None:
+            continue
+        if isinstance(default, bool):
+            values[field.name] = text == 'true'
+        elif isinstance(default, str):
+            values[field.name] = text
+        else:
+            values[field.name] = number_of(field.name, text, type(default))
+        if field.name in FILES and text and not os.access(text, os.R_OK):
+            msg = f'{field.name} must be a path that can be read; received {text!r}'
+            raise ValueError(msg)
     return replace(defaults, **values)  # type: ignore[type-var]
 
 
-def node_of(process: Process, log_level: str) -> Node:
-    """A process of the graph as an action."""
+def number_of(name: str, text: str, kind: type[N]) -> N:
+    """Number of an argument; ValueError with its name."""
+    try:
+        return kind(text)
+    except ValueError:
+        msg = f'{name} must be a {"whole " if kind is int else ""}number; received {text!r}'
+        raise ValueError(msg) from None
+
+
+def node_of(process: Process, log_level: str, respawn: bool = False) -> Node:
+    """A process of the graph as an action.
+
+    One that refuses its parameters or its files ends the launch with exit code 1, a grip that ends
+    ends it too; nodes of sensors are started again where `respawn` says so.
+    """
+    from launch.actions import Shutdown
     from launch_ros.actions import Node
+
+    is_grip = 'grip_node' in process.nodes
+    again = respawn and process.executable in RESPAWNED and not is_grip
+
+    def ended(event: ProcessExited, context: LaunchContext) -> list[Shutdown]:
+        if context.is_shutdown:
+            return []
+        if event.returncode in REFUSALS:
+            msg = f'{process.executable} ended with code {event.returncode}; it said why'
+            raise RuntimeError(msg)
+        return [Shutdown(reason=f'{process.executable} ended')] if is_grip else []
 
     files = [process.params_file] if process.params_file else []
     return Node(
@@ -233,4 +275,7 @@ def node_of(process: Process, log_level: str) -> Node:
         remappings=list(process.remappings.items()),
         arguments=['--ros-args', '--log-level', log_level],
         output='screen',
+        on_exit=ended,
+        respawn=again,
+        respawn_delay=RESPAWN_DELAY_S,
     )

@@ -26,6 +26,7 @@ from tactile_ros import messages
 from tactile_ros.enrolment import playing
 from tactile_ros.errors import DeviceError, DeviceTimeout, TactileError
 from tactile_ros.msg import TactileContacts, TactileFrame, TactileLayout
+from tactile_ros.nodes.graph import frame_of
 from tactile_ros.nodes.lifecycle import ManagedNode, diagnostic, qos
 from tactile_ros.nodes.parameters import SensorOptions
 from tactile_ros.nodes.standard_messages import FrameViews, TruthMessages, header_of
@@ -367,12 +368,11 @@ class SensorNode(ManagedNode):
         self._options = self.options(SensorOptions)
         self._config = self.options(type(self._config))
         self._connection = self.options(type(self._connection))
-        self._layout = replace(
-            self._spec.layout(self._config),
-            frame_id=self._options.frame_id,
-            serial=self._options.serial,
-        )
-        if self._options.simulated:
+        options = self._options
+        frame_id = frame_of(self.get_namespace(), options.frame_id, options.frame_prefix)
+        layout = self._spec.layout(self._config)
+        self._layout = replace(layout, frame_id=frame_id, serial=options.serial)
+        if options.simulated:
             self._begin_twin()
         self.check({'fault': self._options.fault})
         self._pending_fault = self._options.fault
@@ -474,7 +474,7 @@ class SensorNode(ManagedNode):
 
     def _deliver(self, frames: Sequence[Frame]) -> None:
         """Hand frames on and publish them and their views, each where somebody listens."""
-        frame_id = self._options.frame_id
+        frame_id = self._layout.frame_id
         if self._downstream is not None:
             self._downstream(frames, frame_id)
         for frame in frames:

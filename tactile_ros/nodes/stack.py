@@ -47,6 +47,7 @@ def setup_of() -> HandSetup:
         ports=','.join(options.ports),
         calibrations=options.calibrations,
         seed=options.seed,
+        frame_prefix=options.frame_prefix,
         namespace=namespace,
         stack=True,
     )

@@ -22,6 +22,7 @@ from tactile_ros.nodes.graph import (
     HandSetup,
     Process,
     SensorSetup,
+    frame_of,
     grasping,
     private_folder,
     sensing,
@@ -48,7 +49,7 @@ def test_every_finger_has_its_namespace_port_and_calibration() -> None:
     ring = {**graph.processes[5].parameters, **graph.processes[6].parameters}
     assert ring['port'] == '/dev/ttyACM2'
     assert ring['calibration'] == '/cal/ring.npz'
-    assert ring['frame_id'] == 'ring_tactile_link'
+    assert frame_of(graph.processes[5].namespace) == 'left/ring_tactile_link'
 
 
 def test_a_stack_is_one_process_that_knows_the_same_of_every_finger() -> None:
@@ -68,6 +69,12 @@ def test_a_stack_is_one_process_that_knows_the_same_of_every_finger() -> None:
     assert [p.executable for p in played.processes] == ['stack', 'player', 'player']
     places = [p.parameters['port'] for p in played.processes[1:]]
     assert played['stack'].parameters['ports'] == places
+
+
+def test_a_recording_is_played_only_where_there_are_some() -> None:
+    sentence = 'source must be hardware or simulated; gradiometer has no recordings to play'
+    with pytest.raises(ValueError, match=sentence):
+        sensing(SensorSetup('gradiometer', 'recorded'))
 
 
 def test_ports_are_those_named_or_left_to_the_parameter_file() -> None:

@@ -153,14 +153,13 @@ def test_sensor_node_marks_saturation_until_it_is_withdrawn(ros: Ros) -> None:
     assert ros.until(lambda: made.said().get('injected') == '2 flipped')
     assert ros.until(lambda: made.said()['lost_bytes'] != '0')
     assert ros.change(made.node, fault='saturation:1000').successful
-    marked = []
-    assert ros.until(
-        lambda: marked.extend(
-            m for m in made.frames if any(s & TaxelStatus.SATURATED for s in m.status)
-        ) or 'saturated taxels' in made.said()['message']
-    )  # fmt: skip
-    assert marked
-    assert not any(m.valid for m in marked)
+    assert ros.until(lambda: 'saturated taxels' in made.said()['message'])
+
+    def marked() -> list[TactileFrame]:
+        return [m for m in made.frames if any(s & TaxelStatus.SATURATED for s in m.status)]
+
+    assert ros.until(marked)
+    assert not any(m.valid for m in marked())
     assert ros.change(made.node, fault='none').successful
     seen = len(made.frames)
     assert ros.until(lambda: sum(m.valid for m in made.frames[seen:]) > 20)
