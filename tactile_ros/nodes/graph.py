@@ -120,7 +120,7 @@ class Graph:
         return Graph(tuple(changed if p is home else p for p in self.processes))
 
 
-def parted(text: str) -> list[str]:
+def list_names(text: str) -> list[str]:
     """Names in a text that are parted by commas."""
     return [name.strip() for name in text.split(',') if name.strip()]
 
@@ -224,7 +224,7 @@ class HandSetup(Everywhere):
     def sensors(self) -> list[str]:
         """Names of the sensors that take part; ValueError if the hand carries no such one."""
         carried = [name for f in load_hand(self.hand).fingers.values() for name in f.sensors]
-        wanted = parted(self.fingers)
+        wanted = list_names(self.fingers)
         if not set(wanted) <= set(carried):
             msg = f'fingers must be of {", ".join(carried)}; received {self.fingers!r}'
             raise ValueError(msg)
@@ -232,7 +232,7 @@ class HandSetup(Everywhere):
 
     def finger_setups(self) -> list[SensorSetup]:
         """Graph of the sensor of each finger."""
-        ports = parted(self.ports)
+        ports = list_names(self.ports)
         real = ports or (self.source == 'hardware' and not self.params_file)
         names = self.sensors()
         own = [*ports, *(PORT[:-1] + str(i) for i in range(len(ports), len(names)))]
@@ -383,7 +383,7 @@ def grasping(setup: HandSetup) -> Graph:
             setup = replace(setup, source='hardware', ports=','.join(places))
         processes.append(Process('mock_hand', hand))
     grip: dict[str, Value] = {'hand': setup.hand}
-    if parted(setup.fingers):
+    if list_names(setup.fingers):
         grip['fingers'] = sensors
     grip.update(setup.chosen('use_robot_description', 'wait_for_robot_description'))
     fingers = setup.finger_setups()

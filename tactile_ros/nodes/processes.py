@@ -258,7 +258,7 @@ def node_of(process: Process, log_level: str, respawn: bool = False) -> Node:
     is_grip = 'grip_node' in process.nodes
     again = respawn and process.executable in RESPAWNED and not is_grip
 
-    def ended(event: ProcessExited, context: LaunchContext) -> list[Shutdown]:
+    def end(event: ProcessExited, context: LaunchContext) -> list[Shutdown]:
         if context.is_shutdown:
             return []
         if event.returncode in REFUSALS:
@@ -275,7 +275,7 @@ def node_of(process: Process, log_level: str, respawn: bool = False) -> Node:
         remappings=list(process.remappings.items()),
         arguments=['--ros-args', '--log-level', log_level],
         output='screen',
-        on_exit=ended,
+        on_exit=end,
         respawn=again,
         respawn_delay=RESPAWN_DELAY_S,
     )

@@ -114,7 +114,7 @@ class SensorDiagnostics:
             'failures': self.failures,
             **dict.fromkeys(EXPECTED, 'not in this protocol'),
             **counters,
-            **flagged_taxels(self.last),
+            **taxels_by_status(self.last),
             **temperatures(self.last),
         }
         return level, message, values
@@ -133,7 +133,7 @@ class SensorDiagnostics:
         return f'frames come irregularly: jitter {1e3 * jitter_s:.2g} ms' if irregular else ''
 
 
-def flagged_taxels(frame: Frame | None) -> dict[str, list[int]]:
+def taxels_by_status(frame: Frame | None) -> dict[str, list[int]]:
     """Taxels of a frame by the status bits that they carry."""
     status = None if frame is None else frame.status
     bits = np.zeros(0, np.uint8) if status is None else status

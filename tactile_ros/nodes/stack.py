@@ -72,7 +72,7 @@ def raise_priority(priority: int) -> str:
     return ''
 
 
-def freeze_when_warm(contact: ContactNode) -> None:
+def rest_collector(contact: ContactNode) -> None:
     """Keep the garbage collector off all that stays, once a contact_node has run for a while."""
 
     def look() -> None:
@@ -90,7 +90,7 @@ def build() -> Sequence[ManagedNode]:
     setup = setup_of()
     if not setup.hand:
         contact = ContactNode(direct=True)
-        freeze_when_warm(contact)
+        rest_collector(contact)
         return [contact, SensorNode(contact.take, contact.is_heard)]
     grip = GripNode()
     contacts, sensors = [], []
@@ -102,6 +102,6 @@ def build() -> Sequence[ManagedNode]:
         contacts.append(contact)
         sensors.append(SensorNode(contact.take, contact.is_heard, own))
     for contact in contacts[:1]:
-        freeze_when_warm(contact)
+        rest_collector(contact)
     grip.direct = {contact.topic for contact in contacts}
     return [grip, *contacts, *sensors]
