@@ -307,7 +307,8 @@ def _heads_there(
 ) -> list[tuple[int, Presses]]:
     """Presses of each drawn head about the pose at which it is nearest to the first press."""
     press = new.rows(np.array([0]))
-    matches, found = recogniser.matches(press), []
+    matches = recogniser.matches(press)
+    found: list[tuple[int, Presses]] = []
     if matches is None or recogniser.search is None or not recogniser.described:
         return []
     for head in np.flatnonzero(np.isfinite(matches.cost[0])).tolist():
