@@ -98,7 +98,12 @@ class Equilibration:
 
     def _held_out(self, name: str, u: Array, load: Array, known: Bools, groups: Integers) -> Array:
         """Errors (s, t) of a law on groups that it had not seen; NaN where there are none."""
-        fold = np.unique(groups, return_inverse=True)[1].reshape(-1) % FOLDS
+        told = known.any(axis=1)
+        split = groups[told]
+        if len(np.unique(split)) < FOLDS:  # too few groups bear loads: rows are held out
+            split = u[told].sum(axis=1)
+        fold = np.zeros(len(u), np.int64)
+        fold[told] = np.unique(split, return_inverse=True)[1].reshape(-1) % FOLDS
         miss = np.full(u.shape, np.nan)
         for i in range(FOLDS):
             held = fold == i

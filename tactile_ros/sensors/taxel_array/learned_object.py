@@ -2,34 +2,105 @@
 
 The forces of a frame are linear in the fields: y_t = sum_k a_k A_t(pose) T_k. Fields T_k, which
 are smooth, and the amounts a_k of every frame are solved in turn; the first is the mean contact,
-the others what depth changes. The pose of another frame follows by `estimators/object_pose.py`.
+the others what depth changes. A field is free on a grid, or that of an angle tube: a profile over
+the distance to the nearer of two axes, whose directions are fitted too. Held-out frames choose.
+The pose of another frame follows by `estimators/object_pose.py`.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
+from scipy.interpolate import BSpline
 from scipy.linalg import solve
+from scipy.optimize import least_squares
 
 from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.object_pose import ObjectPose, TaxelPoints
 from tactile_ros.physics.coverage import LearnedFields
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from tactile_ros.estimators.object_pose import Found
     from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
     from tactile_ros.types import Array, Bools, Columns
 
 FEWEST = 30  # frames
-SIDE = 31  # nodes of the grid's side
+SIDE, TUBE_SIDE = 31, 91  # nodes of the grid's side, of free fields and of a tube's
 POINTS = 2304  # of all taxels together, about
-MODES = 3
-ROUNDS = 3
-SMOOTH = (1e-3, 1e-2)  # strengths of the prior that are tried
+MODES, ROUNDS = 3, 3
+TUBE_ROUNDS = 10  # few unknowns: rounds cost little
+SMOOTH = (1e-3, 1e-2)  # strengths of the prior of free fields that are tried
+KNOTS = (13, 21, 31)  # of a profile up to the end of the grid
+STIFF, SLIGHT = 1e-5, 1e-9  # strengths of its priors: no curvature, nothing
+ROUGH = 0.005  # of the largest force: misfit of fields before held-out frames tell it
+DIRECTIONS = 24  # of an axis that are tried
 HELD_OUT = 4  # one frame of so many is held out
+
+
+@dataclass
+class Frames:
+    """Frames with known poses: forces, weights (s, t), and the parts of nodes in them."""
+
+    force: Array
+    weight: Array
+    design: sparse.csr_matrix  # (s * t, k)
+
+    def some(self, rows: Bools) -> Frames:
+        """Frames of some rows (s,)."""
+        entries = np.repeat(rows, self.force.shape[1])
+        return Frames(self.force[rows], self.weight[rows], self.design[entries])
+
+    def over(self, basis: Array) -> Frames:
+        """The same frames with amounts of a basis (n, k) in place of nodes."""
+        return Frames(self.force, self.weight, sparse.csr_matrix(self.design @ basis))
+
+    def amounts(self, fields: Array) -> tuple[Array, Array]:
+        """Amounts (s, m) of fields (m, k) by least squares, and what they leave (s, t)."""
+        shape = (*self.force.shape, len(fields))
+        terms = np.asarray(self.design @ fields.T).reshape(shape) * self.weight[..., None]
+        wanted = self.weight * self.force
+        gram = np.einsum('stm,stn->smn', terms, terms)
+        pull = np.einsum('stm,st->sm', terms, wanted)
+        first = np.maximum(pull[:, 0] / np.maximum(gram[:, 0, 0], 1e-300), 1e-12)
+        gram[:, 1:, 1:] += np.eye(len(fields) - 1) / (4.0 * first[:, None, None]) ** 2
+        found = np.linalg.solve(gram, pull[..., None])[..., 0]
+        return found, wanted - np.einsum('stm,sm->st', terms, found)
+
+    def fields(self, amounts: Array, rough: Array) -> Array:
+        """Fields (m, k) of given amounts (s, m), with a prior on their roughness (k, k)."""
+        modes, nodes = amounts.shape[1], self.design.shape[1]
+        weight, taxels = self.weight.reshape(-1), self.weight.shape[1]
+        wide = sparse.hstack(
+            [sparse.diags(weight * np.repeat(part, taxels)) @ self.design for part in amounts.T]
+        ).tocsr()
+        normal = (wide.T @ wide).toarray()
+        unit = np.trace(normal[:nodes, :nodes]) / nodes
+        normal += np.kron(np.eye(modes), unit * rough)
+        pull = wide.T @ (weight * self.force.reshape(-1))
+        return np.asarray(solve(normal, pull, assume_a='pos').reshape(modes, nodes))
+
+    def solve(self, rough: Array, rounds: int) -> tuple[Array, Array]:
+        """Fields (m, k) and amounts (s, m) in turn; modes have mean 0 and unit covariance."""
+        load = self.force.sum(axis=1)
+        depth = load / load.mean() - 1.0
+        depth /= max(float(depth.std()), 1e-9)
+        amounts = load[:, None] * np.stack([depth**k for k in range(MODES)], axis=1)
+        for _ in range(rounds):
+            fields = self.fields(amounts, rough)
+            amounts = self.amounts(fields)[0]
+            part = amounts[:, 1:] / amounts[:, :1]
+            fields[0] += part.mean(axis=0) @ fields[1:]
+            part -= part.mean(axis=0)
+            factor = np.linalg.cholesky(part.T @ part / len(part) + 1e-12 * np.eye(MODES - 1))
+            fields[1:] = factor.T @ fields[1:]
+            amounts[:, 1:] = amounts[:, :1] * np.linalg.solve(factor, part.T).T
+        return fields, amounts
 
 
 class LearnedObject:
@@ -42,7 +113,7 @@ class LearnedObject:
     covariance_ : CovarianceModel
         Of x, y (m) and yaw (rad), from held-out frames.
     misfit_ : float
-        Scale of the misfit of held-out frames at their poses, at least 1.
+        Error of the fields in the force of a taxel, from held-out frames (N).
     report_ : dict of str to float
         Errors of held-out frames.
     """
@@ -72,19 +143,20 @@ class LearnedObject:
         points = TaxelPoints(config.positions, config.areas, config.taxel_outlines, count)
         away = points.points[None] - poses[:, None, :2]
         self.half = float(np.quantile(np.abs(away).max(axis=(1, 2)), 0.9)) * 1.1
-        rows = [self._row(points, pose) for pose in poses]
+        told, able = np.nan_to_num(force), np.isfinite(force) & usable
+        weight = able / np.hypot(sigma, ROUGH * told.max())
         held = np.arange(len(poses)) % HELD_OUT == HELD_OUT - 1
-        told, weight = np.nan_to_num(force), np.isfinite(force) * usable / sigma
-        best, strength = np.inf, SMOOTH[0]
-        for one in SMOOTH:
-            fields = self._solve([r for r, h in zip(rows, held, strict=True) if not h],
-                                 told[~held], weight[~held], one)  # fmt: skip
-            wrong = self._misfit(fields, [r for r, h in zip(rows, held, strict=True) if h],
-                                 told[held], weight[held])  # fmt: skip
-            if wrong < best:
-                best, strength, self.fields_ = wrong, one, fields
-        taxels = max(int(np.count_nonzero(usable)), MODES + 4)
-        self.misfit_ = max(float(np.sqrt(best * taxels / (taxels - MODES))), 1.0)
+        errors, solved = [], []
+        for frames, rough, basis, rounds in self._structures(points, poses, told, weight, ~held):
+            fields = frames.some(~held).solve(rough, rounds)[0]
+            left = frames.some(held).amounts(fields)[1]
+            errors.append(float(np.mean(np.square(left))))
+            solved.append((frames, rough, basis, rounds, left))
+        frames, rough, basis, rounds, left = solved[int(np.argmin(errors))]
+        squared = np.square(left / np.where(able, weight, 1.0)[held]) - np.square(sigma[held])
+        self.misfit_ = float(np.sqrt(max(squared[able[held]].mean(), 0.0)))
+        frames.weight = able / np.hypot(sigma, self.misfit_)
+        self._expand(frames.some(~held).solve(rough, rounds)[0], basis)
         found, cov = self._locate(force[held], sigma[held], usable)
         miss = found - poses[held]
         miss[:, 2] = (miss[:, 2] + np.pi) % (2 * np.pi) - np.pi
@@ -94,113 +166,97 @@ class LearnedObject:
             'held_out_rmse_place': float(np.sqrt(np.nanmean(np.square(miss[:, :2]).sum(axis=1)))),
             'located': float(np.isfinite(miss[:, 2]).mean()),
         }
-        self.fields_ = self._solve(rows, told, weight, strength)
-        vars(self).pop('objects')
+        self._expand(frames.solve(rough, rounds)[0], basis)
         return self
 
-    def _row(self, points: TaxelPoints, pose: Array) -> sparse.csr_matrix:
-        """Part of each node in the force of each taxel at a pose, shape (t, n)."""
-        dx, dy = (points.points - pose[:2]).T
-        cos, sin = np.cos(pose[2]), np.sin(pose[2])
-        u = (cos * dx + sin * dy + self.half) / (2 * self.half) * (SIDE - 1)
-        v = (cos * dy - sin * dx + self.half) / (2 * self.half) * (SIDE - 1)
-        inside = (u >= 0) & (v >= 0) & (u < SIDE - 1) & (v < SIDE - 1)
-        taxel = np.repeat(np.arange(len(points.areas)), np.diff(points.first))[inside]
-        u, v = u[inside], v[inside]
-        i, j = u.astype(int), v.astype(int)
-        a, b = u - i, v - j
-        part = (points.areas / np.diff(points.first))[taxel]
-        entries = [
-            (part * (1 - a) * (1 - b), j * SIDE + i), (part * a * (1 - b), j * SIDE + i + 1),
-            (part * (1 - a) * b, (j + 1) * SIDE + i), (part * a * b, (j + 1) * SIDE + i + 1),
-        ]  # fmt: skip
-        return sparse.csr_matrix(
-            (np.concatenate([e[0] for e in entries]),
-             (np.tile(taxel, 4), np.concatenate([e[1] for e in entries]))),
-            shape=(len(points.areas), SIDE * SIDE),
-        )  # fmt: skip
-
-    def _solve(
-        self, rows: list[sparse.csr_matrix], force: Array, weight: Array, strength: float
-    ) -> LearnedFields:
-        """Fields and amounts in turn."""
-        load = force.sum(axis=1)
-        depth = load / load.mean() - 1.0
-        depth /= max(float(depth.std()), 1e-9)
-        amounts = load[:, None] * np.stack([depth**k for k in range(MODES)], axis=1)
-        difference = sparse.diags([-1.0, 1.0], [0, 1], shape=(SIDE - 1, SIDE))
-        gradient = sparse.vstack(
-            [sparse.kron(sparse.eye(SIDE), difference), sparse.kron(difference, sparse.eye(SIDE))]
+    def _structures(
+        self, points: TaxelPoints, poses: Array, force: Array, weight: Array, rows: Bools
+    ) -> Iterator[tuple[Frames, Array, Array, int]]:
+        """Frames, priors (k, k), bases (n, k) and rounds of every structure of the fields."""
+        frames, finer = (
+            Frames(force, weight, self._sampled(points, poses, side)) for side in (SIDE, TUBE_SIDE)
         )
-        rough = (gradient.T @ gradient + 0.01 * sparse.eye(SIDE * SIDE)).toarray()
-        stacked = sparse.vstack(rows).tocsr()
-        flat = weight.reshape(-1)
-        pictures = np.zeros((MODES, SIDE * SIDE))
-        for _ in range(ROUNDS):
-            wide = sparse.hstack(
-                [sparse.diags(flat * np.repeat(amounts[:, k], weight.shape[1])) @ stacked
-                 for k in range(MODES)]
-            ).tocsr()  # fmt: skip
-            normal = (wide.T @ wide).toarray()
-            unit = np.trace(normal[: SIDE**2, : SIDE**2]) / SIDE**2
-            normal += np.kron(np.eye(MODES), strength * unit * rough)
-            pictures = solve(normal, wide.T @ (flat * force.reshape(-1)), assume_a='pos')
-            pictures = pictures.reshape(MODES, -1)
-            amounts = self._amounts(pictures, rows, force, weight)
-            # modes of mean zero and unit covariance, in parts of the first field's amount
-            part = amounts[:, 1:] / amounts[:, :1]
-            pictures[0] += part.mean(axis=0) @ pictures[1:]
-            part -= part.mean(axis=0)
-            factor = np.linalg.cholesky(part.T @ part / len(part) + 1e-12 * np.eye(MODES - 1))
-            pictures[1:] = factor.T @ pictures[1:]
-            amounts[:, 1:] = amounts[:, :1] * np.linalg.solve(factor, part.T).T
-        pictures /= np.abs(pictures[0]).max()
-        return LearnedFields(pictures.reshape(MODES, SIDE, SIDE), self.half, np.ones(MODES))
+        difference = np.diff(np.eye(SIDE), axis=0)
+        smooth = np.kron(np.eye(SIDE), difference.T @ difference)
+        smooth += np.kron(difference.T @ difference, np.eye(SIDE)) + 0.01 * np.eye(SIDE**2)
+        for strength in SMOOTH:
+            yield frames, strength * smooth, np.eye(SIDE**2), ROUNDS
+        fields = frames.some(rows).solve(SMOOTH[0] * smooth, 1)[0]
+        axes = self._axes(finer.some(rows), fields[0])
+        for knots in KNOTS:
+            basis = profile_basis(axes, self.half, TUBE_SIDE, knots)
+            curved = np.diff(np.eye(basis.shape[1]), 2, axis=0)
+            stiff = STIFF * (curved.T @ curved) + SLIGHT * np.eye(basis.shape[1])
+            yield finer.over(basis), stiff, basis, TUBE_ROUNDS
 
-    @staticmethod
-    def _amounts(
-        pictures: Array, rows: list[sparse.csr_matrix], force: Array, weight: Array
-    ) -> Array:
-        """Amounts (s, k) of every frame by least squares."""
-        found = []
-        for row, y, w in zip(rows, force, weight, strict=True):
-            terms = (row @ pictures.T) * w[:, None]
-            gram = terms.T @ terms
-            first = max(float(terms[:, 0] @ (w * y)) / gram[0, 0], 1e-12)
-            gram[1:, 1:] += np.eye(MODES - 1) / (4.0 * first) ** 2
-            found.append(np.linalg.solve(gram, terms.T @ (w * y)))
-        return np.array(found)
+    def _sampled(self, points: TaxelPoints, poses: Array, side: int) -> sparse.csr_matrix:
+        """Part of each node in the force of each taxel at every pose, shape (s * t, n)."""
+        taxels = len(points.areas)
+        away = points.points - poses[:, None, :2]
+        cos, sin = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
+        u = (cos * away[..., 0] + sin * away[..., 1] + self.half) / (2 * self.half) * (side - 1)
+        v = (cos * away[..., 1] - sin * away[..., 0] + self.half) / (2 * self.half) * (side - 1)
+        inside = (u >= 0) & (v >= 0) & (u < side - 1) & (v < side - 1)
+        counts = np.diff(points.first)
+        taxel = np.repeat(np.arange(taxels), counts)
+        row = (taxels * np.arange(len(poses))[:, None] + taxel)[inside]
+        part = np.broadcast_to((points.areas / counts)[taxel], inside.shape)[inside]
+        i, j = u[inside].astype(int), v[inside].astype(int)
+        a, b = u[inside] - i, v[inside] - j
+        node = j * side + i
+        entries = [part * (1 - a) * (1 - b), part * a * (1 - b), part * (1 - a) * b, part * a * b]
+        nodes = np.concatenate([node, node + 1, node + side, node + side + 1])
+        return sparse.csr_matrix(
+            (np.concatenate(entries), (np.tile(row, 4), nodes)),
+            shape=(taxels * len(poses), side**2),
+        )
 
-    def _misfit(
-        self, fields: LearnedFields, rows: list[sparse.csr_matrix], force: Array, weight: Array
-    ) -> float:
-        """Mean squared misfit of frames at their poses."""
-        pictures = fields.pictures.reshape(MODES, -1)
-        amounts = self._amounts(pictures, rows, force, weight)
-        wrong = [
-            np.square(w * (y - row @ (a @ pictures)))
-            for row, y, w, a in zip(rows, force, weight, amounts, strict=True)
-        ]
-        return float(np.mean(wrong))
+    def _axes(self, frames: Frames, field: Array) -> Array:
+        """Directions of two axes (rad) and the place of their bend (m), shape (4,)."""
+        turns = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+        pairs = [np.array([a, b, 0.0, 0.0]) for a in turns for b in turns if a < b]
+        left = []
+        for pair in pairs:
+            basis = profile_basis(pair, self.half, SIDE, KNOTS[0])
+            left.append(np.square(field - basis @ np.linalg.lstsq(basis, field)[0]).sum())
+        axes, unit = pairs[int(np.argmin(left))], np.array([1.0, 1.0, self.half, self.half])
+
+        def along(axes: Array) -> Frames:
+            return frames.over(profile_basis(axes, self.half, TUBE_SIDE, KNOTS[-1]))
+
+        rough = SLIGHT * np.eye(along(axes).design.shape[1])
+        for _ in range(2):
+            amounts = along(axes).solve(rough, TUBE_ROUNDS)[1]
+
+            def misfit(axes: Array, amounts: Array = amounts) -> Array:
+                some = along(axes)
+                return some.amounts(some.fields(amounts, rough))[1].reshape(-1)
+
+            axes = least_squares(misfit, axes, x_scale=unit, xtol=1e-4, max_nfev=6).x
+        return np.asarray(axes)
+
+    def _expand(self, fields: Array, basis: Array) -> None:
+        """Set the fields of amounts (m, k) of a basis (n, k)."""
+        pictures = (fields @ basis.T).reshape(MODES, round(np.sqrt(len(basis))), -1)
+        pictures = pictures / np.abs(pictures[0]).max()
+        self.fields_ = LearnedFields(pictures, self.half, np.ones(MODES))
+        vars(self).pop('objects', None)
 
     @cached_property
     def objects(self) -> ObjectPose:
         """The object on its array."""
         config = self.config
-        return ObjectPose(
-            config.positions, config.areas, config.taxel_outlines, (self.fields_,)
-        )
+        return ObjectPose(config.positions, config.areas, config.taxel_outlines, (self.fields_,))
 
     def _locate(self, force: Array, sigma: Array, usable: Bools) -> tuple[Array, Array]:
         """Poses (s, 3) of frames and their covariances (s, 3, 3), not yet scaled."""
-        vars(self).pop('objects', None)
         found = [self._one(*row, usable) for row in zip(force, sigma, strict=True)]
         return np.array([one.pose for one in found]), np.array([one.cov for one in found])
 
     def _one(self, force: Array, sigma: Array, usable: Bools) -> Found:
         """The object under one frame."""
         y, able = np.nan_to_num(force), usable & np.isfinite(force)
-        sigma = self.misfit_ * sigma
+        sigma = np.hypot(sigma, self.misfit_)
         spread = sigma / np.maximum(y, 1e-9)
         return self.objects.locate(y, np.full(len(y), sigma.min()), able, spread)
 
@@ -219,3 +275,20 @@ class LearnedObject:
             columns['yaw'][i], columns['yaw_std'][i] = found.pose[2], np.sqrt(cov[2, 2])
             columns['position'][i, :2] = found.pose[:2]
             columns['position_cov'][i, :2, :2] = cov[:2, :2]
+
+
+def profile_basis(axes: Array, half: float, side: int, knots: int) -> Array:
+    """B-splines (n, k) of the distance of grid nodes to the nearer of two axes from one bend.
+
+    `axes` (4,) holds their directions (rad) and the place of the bend (m).
+    """
+    line = np.linspace(-half, half, side)
+    u, v = line[None, :] - axes[2], line[:, None] - axes[3]
+    away = np.full((side, side), np.inf)
+    for turn in axes[:2]:
+        along = np.maximum(np.cos(turn) * u + np.sin(turn) * v, 0.0)
+        one = np.hypot(u - along * np.cos(turn), v - along * np.sin(turn))
+        away = np.minimum(away, one)
+    ends = np.concatenate([np.zeros(3), np.linspace(0.0, half, knots), np.full(3, half)])
+    inside = np.minimum(away, half * (1 - 1e-9)).reshape(-1)
+    return np.asarray(BSpline.design_matrix(inside, ends, 3).toarray())
