@@ -17,7 +17,7 @@ from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.evidence_regression import HyperPrior, Moments, leave_groups_out
 from tactile_ros.estimators.regression import fitted, training_rows
 from tactile_ros.physics.compiled import compiled
-from tactile_ros.physics.resistive_sheet import LEAST_LOG, NEAREST, SeriesResistance
+from tactile_ros.physics.resistive_sheet import SeriesResistance, series_resistance
 from tactile_ros.types import Array, Integers
 
 if TYPE_CHECKING:
@@ -61,18 +61,6 @@ def clip(value: float, low: float, high: float) -> float:
     if value > high:
         return high
     return value if value > low else low
-
-
-@compiled
-def series_resistance(x: float, y: float, law: Array) -> float:
-    """Rx at a place in units of the edges, by the law (4,) of `SeriesResistance`."""
-    t, across = (y, x) if law[0] > 0.5 else (x, y)
-    far, near = law[1], law[1] * clip(t, NEAREST, 1.0 - NEAREST)
-    bump = math.sin(math.pi * clip(across, NEAREST, 1.0 - NEAREST)) ** 2
-    square = bump * (1.0 + bump / math.sinh(far) ** 2) ** 2
-    for away in (near, far - near, far + near, 2.0 * far - near):
-        square /= 1.0 + bump / math.sinh(away) ** 2
-    return float(max(law[2] + 0.5 * math.log(square), LEAST_LOG) * law[3])
 
 
 @compiled

@@ -7,11 +7,13 @@ outline of its development: what conducts along the surface does not feel the be
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array
 
 EQUAL_AREA = 0.59  # radius of the disc of equal outer conductance, over the edge of a square
@@ -33,6 +35,18 @@ def linear_place(potentials: Array, size: Array) -> Array:
     """
     mean, turn = 1.0 - potentials[..., 0], potentials[..., 1] - 0.5
     return np.asarray(np.stack([mean + turn, mean - turn], axis=-1) * size)
+
+
+@compiled
+def series_resistance(x: float, y: float, law: Array) -> float:
+    """Rx over R0 at a place in units of the edges, by the law (4,) of `SeriesResistance`."""
+    t, across = (y, x) if law[0] > 0.5 else (x, y)
+    far, near = law[1], law[1] * min(1.0 - NEAREST, max(NEAREST, t))
+    bump = math.sin(math.pi * min(1.0 - NEAREST, max(NEAREST, across))) ** 2
+    square = bump * (1.0 + bump / math.sinh(far) ** 2) ** 2
+    for away in (near, far - near, far + near, 2.0 * far - near):
+        square /= 1.0 + bump / math.sinh(away) ** 2
+    return float(max(law[2] + 0.5 * math.log(square), LEAST_LOG) * law[3])
 
 
 @dataclass(frozen=True)
@@ -63,20 +77,7 @@ class SeriesResistance:
 
     def at(self, places: Array) -> Array:
         """Rx over R0 (s,) at places (s, 2) inside the sheet, in units of its edges."""
-        share = np.fmin(np.fmax(places, NEAREST), 1.0 - NEAREST)
-        along, far, strip, factor = self.law
-        long = int(along)
-        across = np.sin(np.pi * share[:, 1 - long])
-        across *= across
-        near = far * share[:, long]
-        square = across * (1.0 + across / np.sinh(far) ** 2) ** 2
-        for away in (near, far - near, far + near, 2.0 * far - near):
-            square /= 1.0 + across / np.sinh(away) ** 2
-        return np.asarray(np.fmax(strip + 0.5 * np.log(square), LEAST_LOG) * factor)
-
-    def scaled(self, share: float) -> SeriesResistance:
-        """Of a sheet with a share of the resistance."""
-        return replace(self, sheet=share * self.sheet)
+        return np.array([series_resistance(x, y, self.law) for x, y in places])
 
     @cached_property
     def law(self) -> Array:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -38,7 +39,6 @@ TUBE_ROUNDS = 10  # few unknowns: rounds cost little
 SMOOTH = (1e-3, 1e-2)  # strengths of the prior of free fields that are tried
 KNOTS = (13, 21, 31)  # of a profile up to the end of the grid
 STIFF, SLIGHT = 1e-5, 1e-9  # strengths of its priors: no curvature, nothing
-ROUGH = 0.005  # of the largest force: misfit of fields before held-out frames tell it
 DIRECTIONS = 24  # of an axis that are tried
 HELD_OUT = 4  # one frame of so many is held out
 
@@ -113,7 +113,7 @@ class LearnedObject:
     covariance_ : CovarianceModel
         Of x, y (m) and yaw (rad), from held-out frames.
     misfit_ : float
-        Error of the fields in the force of a taxel, from held-out frames (N).
+        Scale of the misfit of held-out frames at their poses, at least 1.
     report_ : dict of str to float
         Errors of held-out frames.
     """
@@ -144,19 +144,18 @@ class LearnedObject:
         away = points.points[None] - poses[:, None, :2]
         self.half = float(np.quantile(np.abs(away).max(axis=(1, 2)), 0.9)) * 1.1
         told, able = np.nan_to_num(force), np.isfinite(force) & usable
-        weight = able / np.hypot(sigma, ROUGH * told.max())
+        weight = able / sigma
         held = np.arange(len(poses)) % HELD_OUT == HELD_OUT - 1
-        errors, solved = [], []
-        for frames, rough, basis, rounds in self._structures(points, poses, told, weight, ~held):
+        tried, errors = [], []
+        for one in self._structures(points, poses, told, weight, ~held):
+            frames, rough, basis, rounds = one
             fields = frames.some(~held).solve(rough, rounds)[0]
-            left = frames.some(held).amounts(fields)[1]
-            errors.append(float(np.mean(np.square(left))))
-            solved.append((frames, rough, basis, rounds, left))
-        frames, rough, basis, rounds, left = solved[int(np.argmin(errors))]
-        squared = np.square(left / np.where(able, weight, 1.0)[held]) - np.square(sigma[held])
-        self.misfit_ = float(np.sqrt(max(squared[able[held]].mean(), 0.0)))
-        frames.weight = able / np.hypot(sigma, self.misfit_)
-        self._expand(frames.some(~held).solve(rough, rounds)[0], basis)
+            tried.append((*one, fields))
+            errors.append(float(np.mean(np.square(frames.some(held).amounts(fields)[1]))))
+        frames, rough, basis, rounds, fields = tried[int(np.argmin(errors))]
+        taxels = max(int(np.count_nonzero(usable)), MODES + 4)
+        self.misfit_ = max(float(np.sqrt(min(errors) * taxels / (taxels - MODES))), 1.0)
+        self._expand(fields, basis)
         found, cov = self._locate(force[held], sigma[held], usable)
         miss = found - poses[held]
         miss[:, 2] = (miss[:, 2] + np.pi) % (2 * np.pi) - np.pi
@@ -183,8 +182,8 @@ class LearnedObject:
             yield frames, strength * smooth, np.eye(SIDE**2), ROUNDS
         fields = frames.some(rows).solve(SMOOTH[0] * smooth, 1)[0]
         axes = self._axes(finer.some(rows), fields[0])
-        for knots in KNOTS:
-            basis = profile_basis(axes, self.half, TUBE_SIDE, knots)
+        for cut, knots in product((False, True), KNOTS):
+            basis = profile_basis(axes, self.half, TUBE_SIDE, knots, cut)
             curved = np.diff(np.eye(basis.shape[1]), 2, axis=0)
             stiff = STIFF * (curved.T @ curved) + SLIGHT * np.eye(basis.shape[1])
             yield finer.over(basis), stiff, basis, TUBE_ROUNDS
@@ -256,7 +255,7 @@ class LearnedObject:
     def _one(self, force: Array, sigma: Array, usable: Bools) -> Found:
         """The object under one frame."""
         y, able = np.nan_to_num(force), usable & np.isfinite(force)
-        sigma = np.hypot(sigma, self.misfit_)
+        sigma = self.misfit_ * sigma
         spread = sigma / np.maximum(y, 1e-9)
         return self.objects.locate(y, np.full(len(y), sigma.min()), able, spread)
 
@@ -277,18 +276,20 @@ class LearnedObject:
             columns['position_cov'][i, :2, :2] = cov[:2, :2]
 
 
-def profile_basis(axes: Array, half: float, side: int, knots: int) -> Array:
+def profile_basis(axes: Array, half: float, side: int, knots: int, cut: bool = False) -> Array:
     """B-splines (n, k) of the distance of grid nodes to the nearer of two axes from one bend.
 
-    `axes` (4,) holds their directions (rad) and the place of the bend (m).
+    `axes` (4,) holds their directions (rad) and the place of the bend (m), where each cylinder
+    ends round or is `cut`.
     """
     line = np.linspace(-half, half, side)
     u, v = line[None, :] - axes[2], line[:, None] - axes[3]
     away = np.full((side, side), np.inf)
     for turn in axes[:2]:
-        along = np.maximum(np.cos(turn) * u + np.sin(turn) * v, 0.0)
-        one = np.hypot(u - along * np.cos(turn), v - along * np.sin(turn))
-        away = np.minimum(away, one)
+        along = np.cos(turn) * u + np.sin(turn) * v
+        across = np.cos(turn) * v - np.sin(turn) * u
+        behind = np.inf if cut else -along
+        away = np.minimum(away, np.hypot(across, np.where(along > 0, 0.0, behind)))
     ends = np.concatenate([np.zeros(3), np.linspace(0.0, half, knots), np.full(3, half)])
     inside = np.minimum(away, half * (1 - 1e-9)).reshape(-1)
     return np.asarray(BSpline.design_matrix(inside, ends, 3).toarray())
