@@ -145,7 +145,6 @@ class Creep:
         state.stamp_ns = int(newest) if begun else None
         return forces
 
-
     def crept(self, load: Array, stamp_ns: Integers, restart: Bools) -> Array:
         """Load (s, t) that creep adds to a load (s, t) (N); an unknown load adds none."""
         strain = strains(np.nan_to_num(load), self.tau, stamp_ns, restart)
@@ -228,13 +227,12 @@ def fit_creep(history: History) -> tuple[Creep, Array] | None:
     loaded = loaded[: max(int((history.load.max(axis=0) > 0).sum()), 1)]
     some = loaded[:: max(len(loaded) // CHOSEN, 1)][:CHOSEN]
     longest = _longest(history)
-    plain = sum(_CreepFit(history, np.zeros(0), rows, False).taxel(k)[2] for k in some)
+    plain = sum(_fit_taxel(history, np.zeros(0), rows, False, k)[2] for k in some)
     best: tuple[float, Array, bool] = (BETTER**2 * plain, np.zeros(0), False)
     for behind in (True, False):
 
         def left(log_tau: Array, behind: bool = behind) -> float:
-            fit = _CreepFit(history, np.exp(log_tau), rows, behind)
-            return sum(fit.taxel(k)[2] for k in some)
+            return sum(_fit_taxel(history, np.exp(log_tau), rows, behind, k)[2] for k in some)
 
         start = np.log(longest * np.array([0.03, 0.6]))
         found = minimize(left, start, method='Nelder-Mead', options=SEARCH)
@@ -248,8 +246,7 @@ def fit_creep(history: History) -> tuple[Creep, Array] | None:
             best = float(found.fun), np.exp(np.sort(found.x)), best[2]
     if not len(best[1]):
         return None
-    fit = _CreepFit(history, best[1], rows, best[2])
-    told = [fit.taxel(k) for k in range(taxels)]
+    told = [_fit_taxel(history, best[1], rows, best[2], k) for k in range(taxels)]
     share = np.maximum(np.array([one[0] for one in told]).T, 0.0)
     return Creep(best[1], share, best[2]), np.array([one[1] for one in told])
 
@@ -264,49 +261,39 @@ def _longest(history: History) -> float:
     return max(float((stamps[last] - stamps[edges[:-1]]).max()) * NS, 1.0)
 
 
-class _CreepFit:
-    """Least squares of taxels at given time constants."""
-
-    def __init__(self, history: History, tau: Array, rows: Integers, behind: bool) -> None:
-        self.history, self.tau, self.rows, self.behind = history, tau, rows, behind
-
-    def _past(self, load: Array) -> Array:
-        """Strains of the rows."""
-        history = self.history
-        return strains(load, self.tau, history.stamp_ns, history.restart)[self.rows]
-
-    def taxel(self, k: int) -> tuple[Array, float, float]:
-        """Shares (b,), constant, and squared residual of one taxel in parts of its output."""
-        history, rows = self.history, self.rows
-        u, load = history.output[rows, k], history.load[:, k]
-        scale = max(float(np.abs(u).max()), 1e-12)
-        share = np.full(len(self.tau), 0.05)
-        top = max(float(load.max()), 1e-12)
-
-        basis = _law_terms(load, top)
-        felt = self._past(load[:, None])[..., 0]
-        strained = self._past(basis) if self.behind else None
-        for _ in range(ROUNDS):
-            if strained is not None:
-                terms, bent = basis[rows] + np.einsum('b,sbj->sj', share, strained), strained
-            else:
-                crept, end = load[rows] + felt @ share, top * (1.0 + share.sum())
-                terms = _law_terms(crept, end)
-                rise = (_law_terms(crept + 1e-4 * top, end) - terms) / (1e-4 * top)
-                bent = felt[:, :, None] * rise[:, None]
-            laws = terms.shape[1]
-            if not history.tared:
-                terms = np.column_stack([terms, np.ones(len(u))])
-            weight = np.linalg.lstsq(terms, u, rcond=None)[0]
-            miss = u - terms @ weight
-            wide = np.column_stack([terms, bent @ weight[:laws]])
-            change = np.linalg.lstsq(wide, miss, rcond=None)[0]
-            move = np.clip(change[terms.shape[1] :], -0.2, 0.2)
-            share = np.clip(share + move, -0.5, MOST_SHARE)
-            if np.abs(move).max(initial=0.0) < 1e-5:
-                break
-        constant = 0.0 if history.tared else float(weight[-1])
-        return share, constant, float(miss @ miss) / scale**2 / len(u)
+def _fit_taxel(
+    history: History, tau: Array, rows: Integers, behind: bool, k: int
+) -> tuple[Array, float, float]:
+    """Shares (b,), constant, and squared residual of a taxel in parts of its output."""
+    u, load = history.output[rows, k], history.load[:, k]
+    scale = max(float(np.abs(u).max()), 1e-12)
+    share = np.full(len(tau), 0.05)
+    top = max(float(load.max()), 1e-12)
+    basis = _law_terms(load, top)
+    past = history.stamp_ns, history.restart
+    felt = strains(load[:, None], tau, *past)[rows, :, 0]
+    strained = strains(basis, tau, *past)[rows] if behind else None
+    for _ in range(ROUNDS):
+        if strained is not None:
+            terms, bent = basis[rows] + np.einsum('b,sbj->sj', share, strained), strained
+        else:
+            crept, end = load[rows] + felt @ share, top * (1.0 + share.sum())
+            terms = _law_terms(crept, end)
+            rise = (_law_terms(crept + 1e-4 * top, end) - terms) / (1e-4 * top)
+            bent = felt[:, :, None] * rise[:, None]
+        laws = terms.shape[1]
+        if not history.tared:
+            terms = np.column_stack([terms, np.ones(len(u))])
+        weight = np.linalg.lstsq(terms, u, rcond=None)[0]
+        miss = u - terms @ weight
+        wide = np.column_stack([terms, bent @ weight[:laws]])
+        change = np.linalg.lstsq(wide, miss, rcond=None)[0]
+        move = np.clip(change[terms.shape[1] :], -0.2, 0.2)
+        share = np.clip(share + move, -0.5, MOST_SHARE)
+        if np.abs(move).max(initial=0.0) < 1e-5:
+            break
+    constant = 0.0 if history.tared else float(weight[-1])
+    return share, constant, float(miss @ miss) / scale**2 / len(u)
 
 
 def _law_terms(load: Array, top: float) -> Array:

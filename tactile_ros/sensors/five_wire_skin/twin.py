@@ -18,7 +18,6 @@ from tactile_ros.devices.connections import FramedConnection
 from tactile_ros.devices.framed_protocol import five_wires
 from tactile_ros.enrolment import REST_S, Programme, Touches, growing_loads, recorded
 from tactile_ros.sensors.five_wire_skin.config import layout
-from tactile_ros.types import Array
 from tactile_ros.types.config_fields import whole
 
 if TYPE_CHECKING:
@@ -101,23 +100,9 @@ def programme(config: FiveWireSkinConfig, seed: int, count: int) -> Strokes:
 def presses(
     config: FiveWireSkinConfig, seed: int = 0, count: int = PRESSES, noise: float | None = None
 ) -> Recording:
-    """Readings of `count` presses with their truth: position and normal force.
+    """Readings of `count` presses with position and normal force, one stream after a tare.
 
-    Parameters
-    ----------
-    config : FiveWireSkinConfig
-        Of the sensor.
-    seed : int
-        Of places, loads and noise.
-    count : int
-        Presses (n).
-    noise : float or None
-        Of a channel (fraction of the supply); None: half a thousandth.
-
-    Returns
-    -------
-    Recording
-        One stream that begins with a tare.
+    `noise` is that of a channel (fraction of the supply); None: half a thousandth.
     """
     return recorded(
         layout(config),
