@@ -21,10 +21,7 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, Bools, Columns, Signals
 
 FALSE_ALARM = 1e-6  # share of untouched frames that may be called touched
-NOISE, NOISE_ROWS = (
-    5e-4,
-    3,
-)  # of a divider, before any rest was measured; resting rows it counts for
+NOISE, NOISE_ROWS = 5e-4, 3  # of a divider before any rest; resting rows that it counts for
 UNCALIBRATED = 0.01  # threshold without resting rows
 FLOATING = 0.01  # standard deviation of a resting potential from which the foil floats
 LIGHTEST = 0.01

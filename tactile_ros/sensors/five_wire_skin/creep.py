@@ -146,8 +146,3 @@ class FilmCreep:
         total = np.einsum('sm,m->s', ratios, self.shares_)
         own = np.einsum('sm,mk,sk->s', ratios, self.covariance_, ratios)
         return np.asarray((VARIATION * total) ** 2 + own)
-
-    @property
-    def longest_share(self) -> float:
-        """Share of a load that a hold without end takes off."""
-        return float(-self.shares_.sum())

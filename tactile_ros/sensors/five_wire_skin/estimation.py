@@ -112,7 +112,9 @@ class Choice:
             self.name, errors = choice.name, choice.errors
             self.nominal_ = None
             self.covariance_.fit(choice.residuals, None, choice.groups, choice.x)
-            off, sigma = choice.residuals, self._sigma(choice.x)
+            off = choice.residuals
+            covariance = self.covariance_.predict(None, choice.x)[0]
+            sigma = np.sqrt(np.einsum('sii->si', covariance))
         for name in candidates.keys() & MODELS:
             model = candidates[name]
             assert isinstance(model, PotentialMap | PowerLawForce)
@@ -145,11 +147,6 @@ class Choice:
         if self.nominal_ is not None:
             return mean, np.broadcast_to(self.nominal_, (*mean.shape, mean.shape[1]))
         return mean, self.covariance_.predict(None, x)[0]
-
-    def _sigma(self, x: Array) -> Array:
-        """Standard deviations (s, k) of estimators without a model."""
-        covariance = self.covariance_.predict(None, x)[0]
-        return np.asarray(np.sqrt(np.einsum('sii->si', covariance)))
 
 
 MODELS = frozenset({'harmonic', 'power'})
@@ -233,7 +230,7 @@ class FiveWireEstimation(Estimation):
             self._fit_place(x, position, group, signals.good)
             self._fit_force(signals, x, position, force, group)
             self._fit_shear(x, force, group, signals.good)
-        share = 0.0 if self.creep_ is None else self.creep_.longest_share
+        share = 0.0 if self.creep_ is None else -float(self.creep_.shares_.sum())
         self.coverage_ = _coverage(self.size, signals, position, force, share)
 
     def implausible_taxels(self, values: Array) -> Bools:

@@ -336,7 +336,9 @@ class TaxelRegression(Regression):
         idle = np.isfinite(miss) & (force == 0)
         squared = np.where(idle, np.square(fitted), 0.0).sum(axis=0) / np.fmax(idle.sum(axis=0), 1)
         # the few rows of rest of one taxel say little: half of it is what all say
-        self.idle_ = np.maximum(np.sqrt(0.5 * (squared + squared.mean())), self._rest_noise())
+        noise = np.nan_to_num(self.law_.forces(np.full((1, len(force[0])), 0.1))[0]) * 10
+        noise *= self.noise_
+        self.idle_ = np.maximum(np.sqrt(0.5 * (squared + squared.mean())), noise)
         heavy = np.isfinite(miss) & (force > HEAVY * np.nanmax(force))
         parts = (miss / np.where(heavy, force, 1.0))[heavy]
         self.spread_ = UNLEARNED
@@ -437,13 +439,6 @@ class TaxelRegression(Regression):
             pressed = (np.nan_to_num(forces) > least).any(axis=1)
             signals.in_contact[(signals.in_contact == 1) & ~pressed] = 0
         return np.asarray(np.where(self.silent_, np.nan, forces))
-
-    def _rest_noise(self) -> Array:
-        """Noise of each taxel's force at rest (t,) (N); of its output where no law is known."""
-        if self.law_ is None:
-            return self.noise_
-        gain = self.law_.forces(np.full((1, len(self.noise_)), 0.1))[0] / 0.1
-        return np.asarray(np.nan_to_num(gain) * self.noise_)
 
     def _parts(self, load: Array) -> Array:
         """Errors (s, t) of loads in parts of them."""

@@ -143,21 +143,20 @@ class LearnedObject:
         points = TaxelPoints(config.positions, config.areas, config.taxel_outlines, count)
         away = points.points[None] - poses[:, None, :2]
         self.half = float(np.quantile(np.abs(away).max(axis=(1, 2)), 0.9)) * 1.1
-        told, able = np.nan_to_num(force), np.isfinite(force) & usable
-        weight = able / sigma
+        told, weight = np.nan_to_num(force), np.isfinite(force) * usable / sigma
         held = np.arange(len(poses)) % HELD_OUT == HELD_OUT - 1
         tried, errors = [], []
-        for one in self._structures(points, poses, told, weight, ~held):
-            frames, rough, basis, rounds = one
+        for frames, rough, basis, rounds in self._structures(points, poses, told, weight, ~held):
             fields = frames.some(~held).solve(rough, rounds)[0]
-            tried.append((*one, fields))
+            tried.append((frames, rough, basis, rounds, fields))
             errors.append(float(np.mean(np.square(frames.some(held).amounts(fields)[1]))))
         frames, rough, basis, rounds, fields = tried[int(np.argmin(errors))]
         taxels = max(int(np.count_nonzero(usable)), MODES + 4)
         self.misfit_ = max(float(np.sqrt(min(errors) * taxels / (taxels - MODES))), 1.0)
         self._expand(fields, basis)
-        found, cov = self._locate(force[held], sigma[held], usable)
-        miss = found - poses[held]
+        found = [self._one(force[i], sigma[i], usable) for i in np.flatnonzero(held)]
+        cov = np.array([one.cov for one in found])
+        miss = np.array([one.pose for one in found]) - poses[held]
         miss[:, 2] = (miss[:, 2] + np.pi) % (2 * np.pi) - np.pi
         self.covariance_ = CovarianceModel().fit(miss, cov, np.arange(len(miss)), 0 * miss[:, :1])
         self.report_ = {
@@ -246,11 +245,6 @@ class LearnedObject:
         """The object on its array."""
         config = self.config
         return ObjectPose(config.positions, config.areas, config.taxel_outlines, (self.fields_,))
-
-    def _locate(self, force: Array, sigma: Array, usable: Bools) -> tuple[Array, Array]:
-        """Poses (s, 3) of frames and their covariances (s, 3, 3), not yet scaled."""
-        found = [self._one(*row, usable) for row in zip(force, sigma, strict=True)]
-        return np.array([one.pose for one in found]), np.array([one.cov for one in found])
 
     def _one(self, force: Array, sigma: Array, usable: Bools) -> Found:
         """The object under one frame."""

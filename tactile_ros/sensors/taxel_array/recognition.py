@@ -37,22 +37,11 @@ def place_objects(
     columns: Columns, objects: ObjectPose, forces: Array, noise: Array, spread: Array,
     asked: Bools, usable: Bools, corrected: Callable[[int, Array], Array] | None,
 ) -> None:  # fmt: skip
-    """Add label, pose, position and bad taxels of every asked row to `columns`.
+    """Add label, pose, position and bad taxels of every asked row (s,) to `columns`.
 
-    Parameters
-    ----------
-    forces : ndarray, shape (s, t)
-        Of the taxels (any unit); NaN: not read.
-    noise : ndarray, shape (t,)
-        Of them at rest.
-    spread : ndarray, shape (s, t)
-        Their error in parts of the force.
-    asked : ndarray, shape (s,)
-        Rows in which something may lie.
-    usable : ndarray, shape (t,)
-        False: dead.
-    corrected : callable or None
-        Forces (t,) of a row once it is known how much of each taxel is covered (t,) (m2).
+    Taxels have forces (s, t), NaN where not read, of a `noise` (t,) at rest and a relative error
+    `spread` (s, t); those not `usable` (t,) are dead. `corrected` gives the forces (t,) of a row
+    once it is known how much of each taxel is covered (t,) (m2).
     """
     samples = len(forces)
     for name, shape in SHAPES.items():
@@ -234,16 +223,8 @@ def partly_pressed(
 ) -> Array:
     """Forces (t,) of taxels of which an object covers a part (N), by [4] Eq. (2).
 
-    Parameters
-    ----------
-    law : Equilibration
-        Forces of outputs of taxels that are wholly pressed.
-    output, force : ndarray, shape (t,)
-        Outputs above the baseline, and forces by the law, creep undone (N).
-    cover, areas : ndarray, shape (t,)
-        Covered and whole areas (m2).
-    area_law : ndarray, shape (4,)
-        p1..p4.
+    The law gives forces of outputs (t,) of taxels that are wholly pressed; `force` (t,) is that
+    with creep undone, `cover` and `areas` (t,) are covered and whole (m2).
     """
     plain = law.forces(output[None])[0]
     partly = (cover > PRESSED * areas) & (plain > 0)
