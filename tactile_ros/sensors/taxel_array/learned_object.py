@@ -175,8 +175,9 @@ class LearnedObject:
             Frames(force, weight, self._sampled(points, poses, side)) for side in (SIDE, TUBE_SIDE)
         )
         difference = np.diff(np.eye(SIDE), axis=0)
-        smooth = np.kron(np.eye(SIDE), difference.T @ difference)
-        smooth += np.kron(difference.T @ difference, np.eye(SIDE)) + 0.01 * np.eye(SIDE**2)
+        along, still = difference.T @ difference, np.eye(SIDE)
+        smooth = np.asarray(np.kron(still, along) + np.kron(along, still), np.float64)
+        smooth += 0.01 * np.eye(SIDE**2)
         for strength in SMOOTH:
             yield frames, strength * smooth, np.eye(SIDE**2), ROUNDS
         fields = frames.some(rows).solve(SMOOTH[0] * smooth, 1)[0]
