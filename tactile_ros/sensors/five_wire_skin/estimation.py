@@ -242,19 +242,7 @@ class FiveWireEstimation(Estimation):
         return self.touch_.contact(signals, self.touch_.readings(signals))
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
-        """Place and force of every row, with covariances.
-
-        Parameters
-        ----------
-        signals : Signals
-            Conditioned frames; `in_contact` is set by the divider.
-        memory : FilmMemory
-            Of the stream; moves on.
-
-        Returns
-        -------
-        dict of str to ndarray, shape (s, 3) or (s, 3, 3)
-        """
+        """Place and force of every row, with covariances; `in_contact` is the divider's."""
         x = self.touch_.readings(signals)
         if self.others_ is not None:
             return self.others_.estimate(_divider_less_rest(signals, x), memory)

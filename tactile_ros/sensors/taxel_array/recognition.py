@@ -110,15 +110,7 @@ def _weigh(
 
 
 class ArrayPatches:
-    """Patches of one array.
-
-    Parameters
-    ----------
-    config : TaxelArrayConfig
-        Of the array.
-    least : ndarray, shape (t,)
-        Load beyond which a taxel is touched.
-    """
+    """Patches of one array, of taxels that bear more than `least` (t,)."""
 
     def __init__(self, config: TaxelArrayConfig, least: Array) -> None:
         self.finder = PatchFinder(config.positions, config.areas, config.most_contacts)
@@ -133,18 +125,10 @@ class ArrayPatches:
         self, columns: Columns, load: Array, variance: Array, signals: Signals, ids: PatchIds,
         shared: Array | None, centred: bool,
     ) -> None:  # fmt: skip
-        """List the patches of every row in `columns`.
+        """List the patches of every row in `columns`; `ids` of the stream move on.
 
-        Parameters
-        ----------
-        load, variance : ndarray, shape (s, t)
-            Of each taxel: force (N), or output where no law is known; no NaN.
-        ids : PatchIds
-            Of the stream; moves on.
-        shared : ndarray, shape (s,), or None
-            Part by which the loads of a row err alike; None: loads are no forces.
-        centred : bool
-            The state's position is the centre of the patches.
+        Loads (s, t) without NaN are forces (N) that err alike by the part `shared` (s,) of each
+        row, or outputs where that is None. `centred`: the state's position is that of the patches.
         """
         asked = signals.good & (signals.in_contact != 0)
         touched = (load > self.least) & asked[:, None]
