@@ -240,25 +240,22 @@ class GradiometerEstimation(Estimation):
         return invert(self.model, self.fit_, frames, starts, with_states=False)
 
     def contact_from_sensor(self, signals: Signals) -> npt.NDArray[np.int8]:
-        """Contact (s,); where nothing drifts, changes that no uniform field explains are one.
+        """Contact (s,); frames without times touch where the disc is away from its rest.
 
-        Frames without times, at the temperature of the fit, are told from rest by their noise.
+        In streams rest is where a baseline drifts, and elastomers creep after a press.
         """
-        contact = signals.in_contact
-        if signals.stamp_ns is not None or not self.answers_ or self.thermometer_.warm:
-            return contact
-        change = (signals.values - signals.baseline).reshape(len(contact), -1) @ self._starts[2]
-        variance = 0.0 if signals.baseline_variance is None else signals.baseline_variance
-        size = (change**2).sum(axis=1) / (self.noise_**2 * (1 + variance))
-        clear = size > self._gate
+        contact = signals.in_contact.copy()
+        rows = contact == 0
         if signals.tare is not None:
-            clear &= ~signals.tare
-        return np.where(clear & (contact == 0), np.int8(1), contact)
-
-    @cached_property
-    def _gate(self) -> float:
-        """Chi square of a resting frame that is as rare as a false contact may be."""
-        return float(chi2.ppf(1 - CHANCE**2, self._starts[2].shape[1]))
+            rows &= ~signals.tare
+        if signals.stamp_ns is not None or not self.answers_ or not np.count_nonzero(rows):
+            return contact
+        frames = rows_of(self._frames(signals, self.start()), np.flatnonzero(rows))
+        found = invert(self.model, self.fit_, frames, frames.prior[:, None])
+        place, spread = found.states[:, : disc.TILT], found.covariance[:, : disc.TILT, : disc.TILT]
+        size = (place * np.linalg.solve(spread, place[..., None])[..., 0]).sum(axis=1)
+        contact[rows] = size > chi2.ppf(1 - CHANCE**2, disc.TILT)
+        return contact
 
     def invert_changes(self, change: Array) -> Array:
         """Places of the disc (s, 3) (m) that changes of reading (s, 2 t) (T) since a tare show."""
