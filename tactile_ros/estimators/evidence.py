@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, Integers
 
 UNKNOWN = 1e12  # variance of a missing reference over that of a given one
-HYPER = 0.2  # squares by which a width of a prior is as it was
+HYPER = 0.05  # log evidence by which a width of a prior is as it was
+FACTORS = np.geomspace(0.05, 20.0, 121)  # of widths, at once
 
 
 class Influence:
@@ -128,7 +129,8 @@ def learn_noise(
 ) -> ModelPrior:
     """Take the noise of references and widths of priors that make a recording most probable.
 
-    One step of MacKay's fixed point: squares over what is left of their number.
+    Widths are those of largest evidence beside everything else; noise takes a step of MacKay's
+    fixed point, squares over what is left of their number.
 
     Parameters
     ----------
@@ -144,18 +146,25 @@ def learn_noise(
     noise = np.sqrt((trust * influence.error**2).sum(axis=0) / np.maximum(left, 1.0))
     sigma, width = model.state_sigma.copy(), model.parameter_sigma.copy()
     rows = influence.known.any(axis=1)
-    off = (fit.states - model.state)[rows][:, states] ** 2 / sigma[states] ** 2
-    seen = 1 - influence.state_variance[rows][:, states] / sigma[states] ** 2
-    sigma[states] *= _factor_of(off.sum(axis=0), seen.sum(axis=0))
-    z = ((fit.parameters - model.parameters) / np.where(width > 0, width, 1.0)) ** 2
-    seen = 1 - np.diagonal(fit.covariance) / np.where(width > 0, width, 1.0) ** 2
+    for state in states:
+        off = (fit.states - model.state)[rows, state] / sigma[state]
+        variance = influence.state_variance[rows, state] / sigma[state] ** 2
+        sigma[state] *= _widening(off, np.diag(variance))
     for name in range(int(groups.max()) + 1):
-        rows = (groups == name) & (width > 0)
-        width[rows] *= _factor_of(z[rows].sum(), seen[rows].sum())
+        own = np.flatnonzero((groups == name) & (width > 0))
+        if len(own):
+            off = (fit.parameters - model.parameters)[own] / width[own]
+            covariance = fit.covariance[np.ix_(own, own)] / np.outer(width[own], width[own])
+            width[own] *= _widening(off, covariance)
     return replace(model, answer_noise=noise, state_sigma=sigma, parameter_sigma=width)
 
 
-def _factor_of(squares: Array, count: Array) -> Array:
-    """Change of a sigma by squares over it and by how many of them a recording determined."""
-    factor = np.sqrt((squares + HYPER) / (np.maximum(count, 0.0) + HYPER))
-    return np.clip(factor, 0.1, 10.0)
+def _widening(off: Array, covariance: Array) -> float:
+    """Factor of a prior's sigma with most evidence; mean and covariance in units of the prior."""
+    size, ways = np.linalg.eigh(covariance)
+    size = np.clip(size, 1e-12, 1.0)[:, None]
+    told = 1 / size - 1  # information of what is beside this prior
+    square = ((ways.T @ off)[:, None] / size) ** 2
+    wide = FACTORS**2
+    evidence = 0.5 * (square * wide / (1 + told * wide) - np.log1p(told * wide)).sum(axis=0)
+    return float(FACTORS[np.argmax(evidence - HYPER * np.log(FACTORS) ** 2)])
