@@ -176,7 +176,7 @@ def cost(ours: Pipeline, world: ModuleType) -> list[Row]:
     change = flat - flat[: world.rest].mean(axis=0)
     methods: dict[str, tuple[Callable[[Array], object], Array, float]] = {
         'chain of [3]': (printed.predict, flat, 20.0),
-        'inversion': (disc.invert_changes, change, 60.0),  # type: ignore[attr-defined]
+        'inversion': (lambda x: disc.invert(disc.model.frames(MILLI * x)), change, 60.0),  # type: ignore[attr-defined]
     }
     rows = []
     for name, (call, x, aim) in methods.items():

@@ -288,22 +288,6 @@ def _frame(
 
 
 @compiled
-def _frames(
-    readings: Model, answers: Model, y: Array, f: Array, noise: Array, answer_noise: Array,
-    prior: Array, information: Array, free: Integers, x: Array, p: Array, data: Array,
-    a: Array, b: Array, c: Array, gx: Array, gp: Array,
-) -> float:  # fmt: skip
-    """Normal equations of all frames at states (s, n) and parameters; return the cost."""
-    cost = 0.0
-    for s in range(x.shape[0]):
-        cost += _frame(
-            readings, answers, y[s], f[s], noise[s], answer_noise, prior[s], information[s], free,
-            x[s], p, data, a[s], b[s], c, gx[s], gp,
-        )  # fmt: skip
-    return cost
-
-
-@compiled
 def _descend(
     readings: Model, answers: Model, y: Array, f: Array, noise: Array, answer_noise: Array,
     prior: Array, information: Array, free: Integers, p: Array, data: Array, x: Array,
@@ -344,16 +328,21 @@ def _descend(
 
 
 @compiled
-def _settle(
+def _frames(
     readings: Model, answers: Model, y: Array, f: Array, noise: Array, answer_noise: Array,
-    prior: Array, information: Array, free: Integers, p: Array, data: Array, x: Array,
+    prior: Array, information: Array, free: Integers, x: Array, p: Array, data: Array,
+    a: Array, b: Array, c: Array, gx: Array, gp: Array,
 ) -> float:  # fmt: skip
-    """Let states (s, n) follow the parameters by few steps; return their cost."""
+    """Let states (s, n) follow the parameters by few steps, write their equations; return cost."""
     cost = 0.0
     for s in range(x.shape[0]):
-        cost += _descend(
+        _descend(
             readings, answers, y[s], f[s], noise[s], answer_noise, prior[s], information[s], free,
             p, data, x[s], SETTLE,
+        )  # fmt: skip
+        cost += _frame(
+            readings, answers, y[s], f[s], noise[s], answer_noise, prior[s], information[s], free,
+            x[s], p, data, a[s], b[s], c, gx[s], gp,
         )  # fmt: skip
     return cost
 
@@ -385,13 +374,10 @@ class Equations:
         self.x, self.p, self.free = x.copy(), p, frames.free
         self.a, self.b = np.empty((count, n, n)), np.empty((count, n, k))
         self.gx, self.c, self.gp = np.empty((count, n)), np.zeros((k, k)), np.zeros(k)
-        data = frames.readings, f, frames.noise, model.answer_noise, frames.prior
-        where = frames.information, frames.free
-        models = model_address(model.readings), model_address(model.answers)
-        _settle(*models, *data, *where, p, model.data, self.x)
         self.cost = _frames(
-            *models, *data, *where, self.x, p, model.data, self.a, self.b,
-            self.c, self.gx, self.gp,
+            model_address(model.readings), model_address(model.answers), frames.readings, f,
+            frames.noise, model.answer_noise, frames.prior, frames.information, frames.free,
+            self.x, p, model.data, self.a, self.b, self.c, self.gx, self.gp,
         )  # fmt: skip
         information, off = model.parameter_information, model.parameters - p
         self.cost += 0.5 * float(information @ off**2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -170,10 +171,7 @@ def test_calibrate_leaves_an_unobservable_parameter_at_its_prior(fitted: Calibra
 def test_calibrate_keeps_a_fixed_parameter() -> None:
     sigma = PRIOR.parameter_sigma.copy()
     sigma[2] = 0.0
-    fixed = ModelPrior(
-        gains, slope, PRIOR.noise, PRIOR.answer_noise, PRIOR.state, PRIOR.state_sigma,
-        np.r_[np.ones(6), 2.0], sigma,
-    )  # fmt: skip
+    fixed = replace(PRIOR, parameter_sigma=sigma)
     fit = calibrate(fixed, *frames(100)[1:], starts(100))
     assert fit.parameters[2] == 1.0
     assert not fit.covariance[2].any()

@@ -24,14 +24,6 @@ def test_case_1_features_are_91_of_rank_61_beside_the_constant() -> None:
     assert np.linalg.matrix_rank(raw[:, 1:] - raw[:, 1:].mean(axis=0), tol=1e-6) == 61
 
 
-@pytest.mark.parametrize('common', [2e-3, 0.1])
-def test_a_common_field_changes_nothing(common: float) -> None:
-    x = fields(300)
-    chain = PolynomialForce().fit(x, x[:, :1] - x[:, 2:3])
-    moved = chain.predict(x + common * np.tile([1.0, -0.5], 4))
-    assert np.allclose(moved, chain.predict(x), atol=1e-9)
-
-
 def test_case_1_weights_stay_small_although_features_are_dependent() -> None:
     x = fields(400)
     y = 100 * (x[:, :1] - x[:, 2:3]) + 0.01 * np.random.default_rng(1).normal(size=(400, 1))

@@ -458,3 +458,13 @@ def test_touches_lighter_than_the_threshold_are_in_the_covariance() -> None:
     sigma = np.sqrt(np.diagonal(states.force_cov, axis1=1, axis2=2))[60:]
     assert (error < 3 * sigma).mean() > 0.9
     assert error.max() < 0.02
+
+
+def test_light_touches_are_told_from_rest_at_any_temperature() -> None:
+    scene, shift = made.Scene(span=50.0), np.zeros((260, 3))
+    pipeline = SENSOR.pipeline(world().config).fit(world().record(300, 4, scene))
+    for depth, contact in ((0.0, 0), (3e-5, 1)):
+        shift[world().rest :, 2] = -depth
+        light = world().recorded(shift, 3, scene).select(np.arange(260) >= world().rest)
+        states = pipeline.process_batch(dataclasses.replace(light, tare=np.zeros(200, bool)))
+        assert (states.in_contact == contact).mean() > 0.99

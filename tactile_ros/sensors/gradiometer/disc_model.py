@@ -22,8 +22,12 @@ from tactile_ros.physics.magnetics import dipole_field
 from tactile_ros.physics.temperature import CALIBRATED_AT, EXPANSION, REMANENCE_SLOPE
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from tactile_ros.sensors.gradiometer.config import GradiometerConfig
     from tactile_ros.types import Array, Bools, Integers
+
+    Answers = Sequence[Sequence[str | int]]
 
 MM = MT = 1e-3
 # state: place since rest (3), tilt beside that of the place (2), uniform field (3), temperature of
@@ -38,18 +42,21 @@ PER_PIXEL = 13
 REST, LEVEL, GAP, STRENGTH, LEAN, DEEPER, WIDER = 0, 2, 4, 5, 6, 7, 8
 WEAKER, SOFTER, RISE, SENSITIVITY, CURVE, BEND, SHARED = 9, 10, 11, 12, 13, 14, 15
 # data: number of pixels, grid of the table (4), rows, columns, height, unit of length, p0, p1, p2,
-# number of loads, 2 where a tare is taken off or 1; then pixels, chip axes, patterns, table, terms
+# number of loads, 2 where a tare is taken off or 1, number of terms; then pixels, chip axes,
+# patterns, table, terms
 COUNT, GRID, ROWS, COLUMNS, HEIGHT, UNIT, HALL, LOADS = 0, 1, 5, 6, 7, 8, 9, 12
-PARTS, ARRAYS = 13, 14
-DEGREE = 5
-WRONG_DEGREE = 3
+PARTS, TERMS, ARRAYS = 13, 14, 15
+TERM = 7  # numbers of a term: answer, powers of x, y, z and radius, coefficient, sign
+DEGREE, WRONG_DEGREE = 5, 3
 # how far specimens differ from their config: pixels, rest (mm), gains and crossed axes (1), level
 # (rad), gap and remanence (1), lean (rad / mm) and its course, offset of readings and of baselines
 # (mT), drift (mT / K)
 PIXELS_OFF, REST_OFF, GAINS_OFF, LEVEL_OFF = 0.05, 0.2, 0.02, 0.05
 GAP_OFF, STRENGTH_OFF, LEAN_OFF, COURSE_OFF = 0.08, 0.08, 0.1, 0.5
 ABSOLUTE, OFFSET, OFFSET_WARM, DRIFT = 1.0, 1e-3, 0.1, 1e-2
-RIGHT, WRONG, SMOOTH = 3.0, 0.05, 0.6  # coefficients over an answer's size, and for each degree
+# coefficients over an answer's size, of a round elastomer, of one that is not, of one that is not
+# alike on both sides; for each degree
+ROUND, UNEVEN, WRONG, SMOOTH = 3.0, 1.0, 0.05, 0.6
 ANY = 1e3
 LEAST_NOISE = 1e-4  # of references, over the spread of what they say
 FIELD_LEAST = 1e-8  # mT2, of patterns of a magnet
@@ -287,27 +294,31 @@ def disc_answers(
 ) -> None:
     """Loads (first) and places (l,) that were learned, as polynomials of the place."""
     base, unit, loads = PER_PIXEL * int(data[COUNT]) + SHARED, data[UNIT], data[LOADS]
-    terms = data[data.size - 4 * (p.size - base) :].reshape(p.size - base, 4)
-    power = np.ones((3, DEGREE + 1))
-    for i in range(3):
-        for e in range(1, DEGREE + 1):
-            power[i, e] = power[i, e - 1] * x[i] / unit
+    terms = data[data.size - TERM * int(data[TERMS]) :].reshape(int(data[TERMS]), TERM)
+    u, v, w = x[0] / unit, x[1] / unit, x[2] / unit
+    # power[i, e + 1] is the power e; below 0 there is none, which ends derivatives
+    power = np.zeros((4, DEGREE + 2))
+    for i, value in enumerate((u, v, w, u * u + v * v)):
+        power[i, 1] = 1.0
+        for e in range(DEGREE):
+            power[i, e + 2] = power[i, e + 1] * value
     out[:] = 0.0
     softer, bend = p[base + SOFTER - SHARED], p[base + BEND - SHARED]
     soft, label = 1.0 + (softer + bend * x[MAGNET]) * x[MAGNET], 1.0 + x[LABEL]
     for t in range(terms.shape[0]):
         f, a, b, c = int(terms[t, 0]), int(terms[t, 1]), int(terms[t, 2]), int(terms[t, 3])
-        scale = soft * label if f < loads else 1.0
-        value = power[0, a] * power[1, b] * power[2, c]
-        by_parameter[f, base + t] = scale * value
-        weight = scale * p[base + t]
-        out[f] += weight * value
-        if a > 0:
-            by_state[f, 0] += weight * a * power[0, a - 1] * power[1, b] * power[2, c] / unit
-        if b > 0:
-            by_state[f, 1] += weight * b * power[0, a] * power[1, b - 1] * power[2, c] / unit
-        if c > 0:
-            by_state[f, 2] += weight * c * power[0, a] * power[1, b] * power[2, c - 1] / unit
+        r, q, scale = int(terms[t, 4]), base + int(terms[t, 5]), terms[t, 6]
+        if f < loads:
+            scale *= soft * label
+        side, deep, around = power[0, a + 1] * power[1, b + 1], power[2, c + 1], power[3, r + 1]
+        by_parameter[f, q] += scale * side * deep * around
+        weight = scale * p[q]
+        out[f] += weight * side * deep * around
+        weight /= unit
+        wider = 2 * r * power[3, r] * side
+        by_state[f, 0] += weight * deep * (a * power[0, a] * power[1, b + 1] * around + u * wider)
+        by_state[f, 1] += weight * deep * (b * power[0, a + 1] * power[1, b] * around + v * wider)
+        by_state[f, 2] += weight * c * power[2, c] * side * around
     for f in range(out.size):
         if f < loads:
             by_state[f, MAGNET] = out[f] * (softer + 2 * bend * x[MAGNET]) / soft
@@ -342,12 +353,10 @@ def best_starts(readings: Array, table: Array, projection: Array, best: Integers
 
 def readings_of(model: ModelPrior, parameters: Array, states: Array) -> tuple[Array, Array]:
     """Readings (s, 2 t) (mT) of states (s, 19) and their slopes (s, 2 t, 19)."""
-    read, slopes = (
-        np.empty((len(states), len(model.noise))),
-        np.zeros((len(states), len(model.noise), STATES)),
-    )
+    count = len(model.noise)
+    read, slopes = np.empty((len(states), count)), np.zeros((len(states), count, STATES))
     for state, out, slope in zip(states, read, slopes, strict=True):
-        unused = np.zeros((len(model.noise), len(parameters)))
+        unused = np.zeros((count, len(parameters)))
         disc_readings(state, parameters, model.data, out, slope, unused)
     return read, slopes
 
@@ -388,30 +397,43 @@ def near_patterns(pixels: Array, axes: Array) -> Array:
     return found
 
 
-def terms_of(answers: list[tuple[str, int]]) -> tuple[Array, Array]:
-    """Terms (k, 4), answer and powers of x, y, z, and the sizes (k,) of their coefficients.
+def terms_of(answers: Answers, scales: Array) -> tuple[Array, Array, Integers]:
+    """Terms (t, 7) of answers of scales (l,), and sizes and kinds (k,) of their coefficients.
 
-    The disc is alike on both sides: force along x is odd in x and even in y, and so on. Terms of
-    the other parity are small.
+    The elastomer is round: force along x is x, and along y is y, times the same function of depth
+    and radius; torques are across. What is not round about it is of a low degree, and small where
+    it is not alike on both sides: force along x is odd in x and even in y, and so on.
     """
-    parity = {
-        'force': ((1, 0), (0, 1), (0, 0)), 'torque': ((0, 1), (1, 0), (1, 1)),
-        'position': ((1, 0), (0, 1), (0, 0)),
-    }  # fmt: skip
-    terms, sizes = [], []
-    for index, (name, axis) in enumerate(answers):
+    along = ((1, 0), (0, 1), (0, 0))
+    side = {'force': along, 'torque': ((0, 1), (1, 0), (1, 1)), 'position': along}
+    terms: list[list[float]] = []
+    sizes: dict[tuple[str | int, ...], float] = {}
+
+    def add(key: tuple[str | int, ...], size: float, term: tuple[int, ...], sign: float) -> None:
+        sizes.setdefault(key, size * scales[term[0]] * SMOOTH ** (int(key[2]) - 1))
+        terms.append([*term, list(sizes).index(key), sign])
+
+    for index, (name, axis) in enumerate((str(name), int(axis)) for name, axis in answers):
+        (x, y), least = side[name][axis], 0 if name == 'position' else 1
+        for z, radius in product(range(DEGREE + 1), range(DEGREE // 2 + 1)):
+            degree = x + y + z + 2 * radius
+            if least <= degree <= DEGREE:
+                sign = -1.0 if (name, axis) == ('torque', 0) else 1.0
+                add((name, axis == 2, degree, z), ROUND, (index, x, y, z, radius), sign)
         for a, b, c in product(range(DEGREE + 1), repeat=3):
-            degree, right = a + b + c, (a % 2, b % 2) == parity[name][axis]
-            least = 0 if name == 'position' else 1
-            if least <= degree <= (DEGREE if right else WRONG_DEGREE):
-                terms.append([index, a, b, c])
-                sizes.append((RIGHT if right else WRONG) * SMOOTH ** (degree - 1))
-    return np.array(terms, float).reshape(-1, 4), np.array(sizes)
+            degree, alike = a + b + c, (a % 2, b % 2) == (x, y)
+            most = DEGREE if alike else WRONG_DEGREE
+            if least <= degree <= most and not (axis == 2 and (a, b) == (x, y)):
+                size = UNEVEN if alike else WRONG
+                add((index, alike, degree, a, b, c), size, (index, a, b, c, 0), 1.0)
+    kinds = list(dict.fromkeys(key[:3] for key in sizes))
+    found = np.array([kinds.index(key[:3]) for key in sizes], np.int64)
+    return np.array(terms).reshape(-1, TERM), np.array(list(sizes.values())), found
 
 
 def disc_prior(
-    config: GradiometerConfig, answers: list[tuple[str, int]], scales: Array, unit: float,
-    usual_c: float, *, tared: bool,
+    config: GradiometerConfig, answers: Answers, scales: Array, unit: float, usual_c: float, *,
+    tared: bool,
     shape: tuple[int, int] = (field_table.ROWS, field_table.COLUMNS),
 ) -> ModelPrior:  # fmt: skip
     """Model of a config with its priors: how far specimens differ.
@@ -435,7 +457,7 @@ def disc_prior(
     """
     pixels, count, axes = config.positions, len(config.positions), chip_axes(config)
     gap, channels, base = config.gap / MM, 2 * count, PER_PIXEL * count
-    terms, sizes = terms_of(answers)
+    terms, sizes, _ = terms_of(answers, scales)
     reach = field_table.reach_under(pixels, config.gap, config.disc_height)
     table, grid = field_table.disc_table(
         config.disc_diameter, config.disc_height, reach, shape
@@ -447,13 +469,13 @@ def disc_prior(
     hall = (p0 + (p1 + p2 * shift) * shift, p1 + 2 * p2 * shift, p2)
     head = [
         count, *grid, *table.shape[:2], config.disc_height, unit, *hall,
-        sum(name != 'position' for name, _ in answers), 1 + tared,
+        sum(name != 'position' for name, _ in answers), 1 + tared, len(terms),
     ]  # fmt: skip
     data = np.concatenate([
         head, (pixels / MM).ravel(), axes.ravel(), near_patterns(pixels, measured).ravel(),
         table.ravel(), terms.ravel(),
     ])  # fmt: skip
-    mean, sigma = np.zeros((2, base + SHARED + len(terms)))
+    mean, sigma = np.zeros((2, base + SHARED + len(sizes)))
     sigma[: 3 * count] = PIXELS_OFF
     mean[3 * count : 5 * count] = 1.0
     sigma[3 * count : 9 * count] = GAINS_OFF
@@ -470,7 +492,7 @@ def disc_prior(
         CURVE: (0.0, 1e-5 * warm), BEND: (0.0, 1e-5 * warm),
     }.items():  # fmt: skip
         mean[base + index], sigma[base + index] = middle, width
-    sigma[base + SHARED :] = sizes * scales[terms[:, 0].astype(int)]
+    sigma[base + SHARED :] = sizes
     measurable = np.abs(measured).max(axis=0) > 0
     state = np.zeros(STATES)
     state[PLACE:TILT], state[TILT:UNIFORM] = ANY, TILT_OFF
@@ -482,18 +504,12 @@ def disc_prior(
     )  # fmt: skip
 
 
-def width_groups(model: ModelPrior, pixels: int, answers: list[list[str | int]]) -> Integers:
+def width_groups(pixels: int, answers: Answers) -> Integers:
     """Parameters (k,) whose priors share a width: pixels, gains, terms of a degree; -1: none."""
-    base = PER_PIXEL * pixels
-    found = np.full(len(model.parameters), -1)
-    for kind, (first, last) in enumerate(((0, 3), (3, 5), (5, 7), (7, 9))):
-        found[first * pixels : last * pixels] = kind
-    first = base + SHARED
-    terms = model.data[len(model.data) - 4 * (len(found) - first) :].reshape(-1, 4)
-    _, sizes = terms_of([(str(name), int(axis)) for name, axis in answers])
-    kinds = np.column_stack([terms[:, 0], sizes.round(9)])
-    found[first:] = 4 + np.unique(kinds, axis=0, return_inverse=True)[1].reshape(-1)
-    return found
+    channels = 2 * pixels
+    counts = [3 * pixels, channels, channels, channels, 2 * channels + SHARED]
+    kinds = 4 + terms_of(answers, np.ones(len(answers)))[2]
+    return np.concatenate([np.repeat([0, 1, 2, 3, -1], counts), kinds])
 
 
 def polynomial_fit(model: ModelPrior, states: Array, f: Array) -> tuple[Array, Array]:

@@ -105,12 +105,11 @@ class GradiometerEstimation(Estimation):
         self.spread_ = self.largest_ = np.zeros(0)
         self.unit_ = 0.5 * self.config.gap / disc.MM
         self.covariance_: CovarianceModel | None = None
-        self.near_scale_ = np.zeros(0)
         self.threshold_ = np.inf
         self.regressor_: Estimator | None = None
         self.level_ = np.zeros(2 * len(self.config.positions))
         self.report_: Report = {}
-        self.label_noise_ = np.zeros(0)
+        self.label_noise_ = self.near_scale_ = np.zeros(0)
         self.fields_known_ = False
         self.widths_: dict[str, Array] = {}
         self._take(None)
@@ -142,9 +141,8 @@ class GradiometerEstimation(Estimation):
     @cached_property
     def model(self) -> ModelPrior:
         """Model of the disc with its priors, as far as they are known."""
-        answers = [(str(name), int(axis)) for name, axis in self.answers_]
         model = disc.disc_prior(
-            self.config, answers, self.spread_, self.unit_, self.thermometer_.usual_,
+            self.config, self.answers_, self.spread_, self.unit_, self.thermometer_.usual_,
             tared=self.tared_, shape=self.shape_,
         )  # fmt: skip
         sigma = self.widths_.get('state', model.state_sigma)
@@ -162,14 +160,14 @@ class GradiometerEstimation(Estimation):
         if temperature_c is None:
             return np.zeros_like(baseline)
         now, then = mean_of(temperature_c), mean_of(reference_c)
-        ratio = self._sensitivity(now) / self._sensitivity(then)
-        ratio = ratio * (1 + REMANENCE_SLOPE * (now - then))
-        return baseline * np.where(np.isfinite(ratio), ratio - 1, 0.0)[:, None, None]
+        ratio = self._sensitivity(temperature_c) / self._sensitivity(reference_c)
+        ratio = ratio * (1 + REMANENCE_SLOPE * (now - then))[:, None]
+        return baseline * np.where(np.isfinite(ratio), ratio - 1, 0.0)[..., None]
 
-    def _sensitivity(self, temperature_c: Array) -> Array:
-        """Sensitivity of Hall elements; NaN where the temperature is."""
-        found = hall_sensitivity(temperature_c, self.config.sensitivity, FOLLOWED)
-        return np.where(np.isfinite(temperature_c), found, np.nan)
+    def _sensitivity(self, chips: Array | None) -> Array:
+        """Sensitivity (s, 1) of Hall elements at temperatures (s, t); 1 where none is known."""
+        usual = np.full((1, 1), np.nan) if chips is None else chips
+        return hall_sensitivity(mean_of(usual), self.config.sensitivity, FOLLOWED)[:, None]
 
     def _temperatures(self, signals: Signals, memory: Array) -> tuple[Array, Array]:
         """Prior mean and sigma (s, 4) of the temperatures in the state: magnet, chip."""
@@ -225,9 +223,8 @@ class GradiometerEstimation(Estimation):
     @cached_property
     def measured(self) -> Bools:
         """Which of x, y, z channels measure, shape (3,)."""
-        return np.asarray(
-            np.abs(disc.chip_axes(self.config)[:, :, [0, 2]]).max(axis=(0, 2)) > 0.05
-        )
+        sensed = np.abs(disc.chip_axes(self.config)[:, :, [0, 2]]).max(axis=(0, 2))
+        return np.asarray(sensed > 0.05)
 
     def invert(self, frames: Frames, count: int = 1) -> Posterior:
         """States and answers from the best of so many starts."""
@@ -256,11 +253,6 @@ class GradiometerEstimation(Estimation):
         size = (place * np.linalg.solve(spread, place[..., None])[..., 0]).sum(axis=1)
         contact[rows] = size > chi2.ppf(1 - CHANCE**2, disc.TILT)
         return contact
-
-    def invert_changes(self, change: Array) -> Array:
-        """Places of the disc (s, 3) (m) that changes of reading (s, 2 t) (T) since a tare show."""
-        frames = self.model.frames(change / disc.MT)
-        return np.asarray(disc.MM * self.invert(frames).states[:, : disc.TILT])
 
     # -- fit ---------------------------------------------------------------------------------
 
@@ -336,7 +328,7 @@ class GradiometerEstimation(Estimation):
             self._learn_lag(signals, model, references, fit, rows[:touched])
             frames = self._calibration_frames(signals, stray, rows, touched)
         learned = np.array([disc.TILT, disc.TILT + 1, disc.LABEL])
-        kinds = disc.width_groups(model, len(self.config.positions), self.answers_)
+        kinds = disc.width_groups(len(self.config.positions), self.answers_)
         for _ in range(ROUNDS):
             frames.information[:touched, learned] = 1 / model.state_sigma[learned] ** 2
             fit = calibrate(model, frames, f, fit.states, begin=fit.parameters, gain=1e-5)
@@ -443,14 +435,9 @@ class GradiometerEstimation(Estimation):
     def _features(self, signals: Signals) -> Array:
         """Features of regressors: fields (s, 2 t) (T), and the temperature where it varied."""
         count = len(signals.good)
-        now = signals.temperature_c
-        scale = np.ones(count) if now is None else self._sensitivity(mean_of(now))
-        scale = np.where(np.isfinite(scale), scale, 1.0)[:, None]
-        field = signals.values.reshape(count, -1) / scale
+        field = signals.values.reshape(count, -1) / self._sensitivity(signals.temperature_c)
         if self.tared_:
-            then = signals.rest_temperature_c
-            usual = np.ones(count) if then is None else self._sensitivity(mean_of(then))
-            usual = np.where(np.isfinite(usual), usual, 1.0)[:, None]
+            usual = self._sensitivity(signals.rest_temperature_c)
             field = field - signals.baseline.reshape(count, -1) / usual + self.level_
         if not self.thermometer_.warm:
             return field
