@@ -85,12 +85,12 @@ class Witness:
             return ''
         self._moving += dt
         if self._moving < SETTLING or not isfinite(self.friction):
-            self.friction = pressed
+            self.friction = max(pressed, 0.0)
         excess = pressed - self.friction
         leans = excess > max(LEAN * asked, LEAN_LEAST)
         self._leaning = self._leaning + dt if leans else 0.0
         if not leans:
-            self.friction += min(dt / FOLLOWING, 1.0) * excess
+            self.friction = max(self.friction + min(dt / FOLLOWING, 1.0) * excess, 0.0)
         if self._leaning < PATIENCE:
             return ''
         return f'reads {normal:.2f} N while its drive leans on something with {excess:.2f} N'
@@ -222,6 +222,11 @@ class DriveLaw:
         self.touched = 0.0
         high = CLOSED if speed > 0.0 and not isfinite(self.contact) else PRESSED
         return self._admit(self.command + speed * dt, dt, max(high, self.command))
+
+    @property
+    def trailing(self) -> float:
+        """Closure by which a drive that is free is behind its command, after the dead time."""
+        return self._target - self.free
 
     def follow(self, dt: float) -> float:
         """Command on the way to what the last force asked for, and not beyond."""

@@ -463,8 +463,9 @@ class GripForce:
                 target, raw = self._targets.now[i], float(given.normal[i])
                 why = finger.witness.press(raw, pressed, target, law.command, dt)
             else:
+                leaning = pressed - law.trailing * law.drive.own
                 asked = self._targets.asked[i]
-                why = finger.witness.approach(finger.normal, pressed, asked, dt)
+                why = finger.witness.approach(finger.normal, leaning, asked, dt)
             if why and not self.fault:
                 self.fault = f'{self.names[i]} {why}: its sensor cannot be trusted'
 

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from tactile_ros.nodes.lifecycle import ManagedNode
     from tactile_ros.types import Array, ContactState, Frame, Integers
 
-ASK_PERIOD_S = 0.5
+ASK_PERIOD_S, PATIENCE = 0.5, 10  # periods in which a controller may answer
 STALE = int(FrameStatus.STALE)
 LAGS = (
     'at {:g} Hz a point of the trajectory lies two periods ahead, which is more than horizon_s: '
@@ -149,6 +149,7 @@ class HandLink:
                 )
             )
         self._client = self._timer = self._asked = None
+        self._waited = 0
         if driver.controller:
             name = f'{driver.controller}/get_parameters'
             self._client = node.create_client(GetParameters, name)
@@ -214,7 +215,11 @@ class HandLink:
         if self._client is None or not self._client.service_is_ready():
             return
         if self._asked is not None:  # a controller that hangs is asked once at a time
+            self._waited += 1
+            if self._waited < PATIENCE:
+                return
             self._client.remove_pending_request(self._asked)
+        self._waited = 0
         self._asked = self._client.call_async(GetParameters.Request(names=['joints']))
         self._asked.add_done_callback(self._on_order)
 

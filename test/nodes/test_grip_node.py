@@ -284,7 +284,7 @@ def test_a_controller_that_never_answers_is_asked_once_at_a_time(ros: Ros) -> No
     silent.create_service(GetParameters, name, lambda _, response: response)
     client = wired.link._client
     assert ros.until(client.service_is_ready)
-    for _ in range(5):
+    for _ in range(25):
         wired.link._ask()
     assert len(client._pending_requests) == 1
     assert 'does not tell the order' in wired.link.blocked
