@@ -23,6 +23,7 @@ SLACK = 0.05  # of a joint's range: encoders are offset, and a hand sags against
 EASE_S = 0.5  # time constant in which a finger that began beside its path joins it
 STIFFEST = 1.3  # of a drive's own stiffness: its gain and levers are not exact
 LEADING = 0.03  # rad, lead of a command that tells a gain
+STEADY = 0.1  # of a lead, by which its command may have moved
 FULL_RATIO = 0.8  # of that gain below which a drive gives all its torque
 SOFTEST = 0.1  # stiffness of a soft object and its drive, of the drive's own
 
@@ -206,13 +207,17 @@ class HandJoints:
         return np.array([finger.force_of(lead[place]) for finger, place in pairs])
 
     def take_effort(self, lead: Array, effort: Array | None) -> None:
-        """Learn from efforts (j,) at leads (j,) where a drive gives no more torque."""
-        if effort is None or not self._scale:
+        """Learn from efforts (j,) at leads (j,) where a drive gives no more torque.
+
+        Commands that have moved lately tell nothing: when they came to the drive is not known.
+        """
+        if effort is None or not self._scale or not self._sent:
             return
-        leads = np.abs(lead) > LEADING
-        ratio = np.where(leads, np.abs(effort) / np.where(leads, np.abs(lead), 1.0), np.nan)
+        moved = np.ptp([sent for _, sent in self._sent], axis=0)
+        told = np.abs(lead) > np.maximum(LEADING, moved / STEADY)
+        ratio = np.where(told, np.abs(effort) / np.where(told, np.abs(lead), 1.0), np.nan)
         self._gain = np.fmax(self._gain, ratio)
-        self._full = ratio < FULL_RATIO * self._gain
+        self._full = np.where(told, ratio < FULL_RATIO * self._gain, self._full)
 
     def stop(self) -> None:
         """The next command begins at the measured posture."""

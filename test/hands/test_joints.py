@@ -88,6 +88,27 @@ def test_drives_tell_the_force_of_a_pad_by_their_lead_and_by_their_torques() -> 
     assert np.isnan(made.pressed(made.lead(start, np.zeros(16), at, 0.02))[0])
 
 
+@pytest.mark.parametrize(('late', 'clip', 'full'), [(0.1, 9.0, False), (0.0, 0.2, True)])
+def test_efforts_tell_a_full_drive_and_no_late_command(
+    late: float, clip: float, full: bool
+) -> None:
+    hand = load_hand('allegro_v5_pinch')
+    made = HandJoints(hand, ['thumb'])
+    start = hand.posture('open', np.zeros(16))
+    wanted, blank, last = made.closures_of(start), np.full(1, np.nan), start
+    for k in range(300):
+        now = 0.01 * k
+        closure = wanted + (min(0.3 * now, 0.1) if now < 1.0 else min(0.3 * now - 0.2, 0.5))
+        measured = start if k > 20 else last
+        lead = made.lead(measured, None, now, 0.02)
+        late_lead = made.lead(measured, None, now - late, 0.02)  # what the drive has by then
+        effort = np.clip(3.0 * np.nan_to_num(late_lead), -clip, clip)
+        made.take_effort(lead, effort)
+        guarded = made.command(closure, blank, [0.0], measured, np.nan * start, 0.01, 0.01, now)
+        last = guarded.position
+    assert guarded.clipped == [full]
+
+
 def test_sensors_that_take_part_are_those_of_the_fingers() -> None:
     assert taking_part(HAND, ()) == (['left', 'right'], ['left', 'right'])
     assert taking_part(HAND, ('right',)) == (['right'], ['right'])
