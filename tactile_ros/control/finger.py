@@ -21,6 +21,7 @@ ZERO_SIGMAS, ZERO_SHARE, ZERO_LEAST = 3.0, 0.05, 0.03  # of noise, of what is as
 SETTLING = 0.25  # s from the start of a motion until the friction of a drive shows
 FOLLOWING = 0.5  # s, time constant in which friction of a moving drive is learned
 LEAN, LEAN_LEAST = 0.3, 0.35  # of what is asked, N: more than friction, less than a grip
+GOES_ON, STANDS = 0.5, 2e-3  # of the way of a command; closure
 PATIENCE = 0.12  # s for which a witness must contradict
 FROZEN, FROZEN_MOVED = 0.15, 0.15  # s of the same bits while a drive should change by this share
 LATEST = 1.5  # times to react after which a force must have changed
@@ -63,6 +64,7 @@ class Witness:
         self.friction, self._moving = nan, 0.0
         self._leaning = self._pressing = self._still = 0.0
         self._bits = self._command = nan
+        self._at = (nan, nan)
 
     def rest(self, normal: float, dt: float) -> None:
         """Take in a force (N) of a finger that does not move."""
@@ -79,19 +81,33 @@ class Witness:
         """Judge that a drive which presses (N) holds what its finger reads at rest."""
         return isfinite(pressed) and pressed > AGREES * abs(self.zero)
 
-    def approach(self, normal: float, pressed: float, asked: float, dt: float) -> str:
-        """Contradiction of a finger that moves and feels nothing; empty: none."""
+    def approach(
+        self,
+        normal: float,
+        pressed: float,
+        asked: float,
+        moved: tuple[float, float],
+        dt: float,
+    ) -> str:
+        """Contradiction of a finger that moves and feels nothing; empty: none.
+
+        `moved` has the closures of its command and of its joints: one that goes on as commanded
+        leans on nothing, however late its commands came.
+        """
         if not isfinite(pressed):
             return ''
         self._moving += dt
         if self._moving < SETTLING or not isfinite(self.friction):
             self.friction = max(pressed, 0.0)
         excess = pressed - self.friction
-        leans = excess > max(LEAN * asked, LEAN_LEAST)
-        self._leaning = self._leaning + dt if leans else 0.0
-        if not leans:
+        if excess <= max(LEAN * asked, LEAN_LEAST):
             self.friction = max(self.friction + min(dt / FOLLOWING, 1.0) * excess, 0.0)
-        if self._leaning < PATIENCE:
+            self._leaning, self._at = 0.0, moved
+            return ''
+        self._leaning += dt
+        way, gone = (now - before for now, before in zip(moved, self._at, strict=True))
+        stands = gone <= GOES_ON * way + STANDS
+        if self._leaning < PATIENCE or not (stands or excess > max(asked, 2.0 * LEAN_LEAST)):
             return ''
         return f'reads {normal:.2f} N while its drive leans on something with {excess:.2f} N'
 

@@ -458,14 +458,15 @@ class GripForce:
             law = self.laws[self._drives[i]]
             if not (self._used[i] and finger.good) or len(self._of[self._drives[i]]) > 1:
                 continue
-            pressed = float(given.pressed[self._drives[i]])  # type: ignore[index]
+            told = float(given.pressed[self._drives[i]])  # type: ignore[index]
+            pressed = told - law.trailing * law.drive.own
             if finger.touching:
                 target, raw = self._targets.now[i], float(given.normal[i])
                 why = finger.witness.press(raw, pressed, target, law.command, dt)
             else:
-                leaning = pressed - law.trailing * law.drive.own
-                asked = self._targets.asked[i]
-                why = finger.witness.approach(finger.normal, leaning, asked, dt)
+                asked, moved = self._targets.asked[i], float(given.closure[self._drives[i]])
+                ways = law.command, moved
+                why = finger.witness.approach(finger.normal, pressed, asked, ways, dt)
             if why and not self.fault:
                 self.fault = f'{self.names[i]} {why}: its sensor cannot be trusted'
 

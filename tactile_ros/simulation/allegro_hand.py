@@ -36,6 +36,7 @@ FINGERS = {
 }  # base (m), and how far it leans sideways (degrees)
 PAD = (0.025, 0.01, 0.01)  # semi-axes (m)
 PAD_AT, THUMB_PAD_AT, PAD_OUT = 0.024, 0.037, 0.004  # along the last link, and before it (m)
+TIP_RADIUS = 0.012  # m, of round tips
 CLOSING = 0.04  # m, of a pad in a whole closure
 CENTRE, ACROSS = (0.112, 0.068, -0.024), (-0.133, -0.011, 0.991)  # of the grasp; thumb to fingers
 GREY, SKIN = '0.3 0.32 0.36 1', '0.8 0.35 0.2 1'
@@ -55,16 +56,20 @@ def _link(length: float, mass: float, width: float = 0.0095) -> str:
     )
 
 
-def _tip(name: str, at: float, length: float, friction: float) -> str:
+def _tip(name: str, at: float, length: float, friction: float, capsule: bool) -> str:
     """Last link with its pad; x of the sensor runs along the finger, z out of the palm's side."""
-    size = ' '.join(str(semi) for semi in PAD)
+    kind, size, out = 'ellipsoid', ' '.join(str(semi) for semi in PAD), PAD_OUT
+    if capsule:  # the round tip that the maker ships, under a thin skin
+        kind, size, out = 'capsule', f'{TIP_RADIUS} 0.01', 0.0
+    axes = '' if capsule else 'xyaxes="0 0 1 0 -1 0"'
+    site = TIP_RADIUS if capsule else PAD_OUT
     return f"""{_link(length, 0.03)}
-      <geom name="{name}_pad" type="ellipsoid" size="{size}" pos="{PAD_OUT} 0 {at}" mass="0.01"
-        xyaxes="0 0 1 0 -1 0" rgba="{SKIN}" {pad_friction(friction)}/>
-      <site name="{name}_pad" pos="{PAD_OUT} 0 {at}" xyaxes="0 0 1 0 -1 0" size="0.001"/>"""
+      <geom name="{name}_pad" type="{kind}" size="{size}" pos="{out} 0 {at}" mass="0.01"
+        {axes} rgba="{SKIN}" {pad_friction(friction)}/>
+      <site name="{name}_pad" pos="{site} 0 {at}" xyaxes="0 0 1 0 -1 0" size="0.001"/>"""
 
 
-def _finger(name: str, first: int, friction: float) -> str:
+def _finger(name: str, first: int, friction: float, capsule: bool) -> str:
     """One of the three fingers: spread, then three joints that flex towards +x."""
     (x, y, z), lean = FINGERS[name]
     half = np.deg2rad(lean) / 2
@@ -78,14 +83,14 @@ def _finger(name: str, first: int, friction: float) -> str:
           {_joint(first + 2, '0 1 0', -0.174, 1.709)}{_link(three, 0.035)}
           <body name="{name}_3" pos="0 0 {three}" gravcomp="1">
             {_joint(first + 3, '0 1 0', -0.227, 1.618)}
-            {_tip(name, PAD_AT, 0.0267, friction)}
+            {_tip(name, PAD_AT, 0.0267, friction, capsule)}
           </body>
         </body>
       </body>
     </body>"""
 
 
-def _thumb(friction: float) -> str:
+def _thumb(friction: float, capsule: bool) -> str:
     """Four joints: across the palm, about itself, and two that flex."""
     return f"""
     <body name="thumb_0" pos="-0.0182 0.019333 -0.045987"
@@ -97,19 +102,19 @@ def _thumb(friction: float) -> str:
           {_joint(14, '0 1 0', -0.05, 1.85)}{_link(0.0514, 0.04)}
           <body name="thumb_3" pos="0 0 0.0514" gravcomp="1">
             {_joint(15, '0 1 0', -0.09, 1.80)}
-            {_tip('thumb', THUMB_PAD_AT, 0.0423, friction)}
+            {_tip('thumb', THUMB_PAD_AT, 0.0423, friction, capsule)}
           </body>
         </body>
       </body>
     </body>"""
 
 
-def allegro_bodies(friction: float) -> str:
-    """MJCF of palm, fingers and thumb; the palm looks along x."""
-    fingers = ''.join(_finger(name, 4 * i, friction) for i, name in enumerate(FINGERS))
+def allegro_bodies(friction: float, capsule: bool = False) -> str:
+    """MJCF of palm, fingers and thumb, with pads or round tips; the palm looks along x."""
+    fingers = ''.join(_finger(name, 4 * i, friction, capsule) for i, name in enumerate(FINGERS))
     return f"""
     <geom name="palm" type="box" size="0.0102 0.0565 0.0475" pos="-0.0093 0 -0.0475" mass="0.5"
-      rgba="0.22 0.23 0.26 1" contype="0" conaffinity="0"/>{fingers}{_thumb(friction)}"""
+      rgba="0.22 0.23 0.26 1" contype="0" conaffinity="0"/>{fingers}{_thumb(friction, capsule)}"""
 
 
 def force_per_closure(finger: Finger) -> float:
