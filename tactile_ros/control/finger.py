@@ -112,16 +112,19 @@ class Witness:
         return f'reads {normal:.2f} N while its drive leans on something with {excess:.2f} N'
 
     def press(
-        self, normal: float, pressed: float, target: float, command: float, dt: float
+        self, normal: float, new: bool, pressed: float, target: float, command: float, dt: float
     ) -> str:
-        """Contradiction of a finger that presses, at a command of its drive; empty: none."""
+        """Contradiction of a finger that presses, at a command of its drive; empty: none.
+
+        Only a `new` force that is the same to the last bit is frozen; others are late.
+        """
         if normal != self._bits:
             self._bits, self._command, self._still = normal, command, 0.0
         told = isfinite(pressed) or not self._drive.is_soft
         self._still += dt if told else 0.0
         unit = self._drive.own if self._drive.is_soft else self._drive.stiffness_high
         moved = abs(command - self._command) * unit
-        if self._still > self._patience and moved > FROZEN_MOVED * target:
+        if new and self._still > self._patience and moved > FROZEN_MOVED * target:
             return f'reads {normal:.2f} N to the last bit while its drive moves'
         own = pressed - (self.friction if isfinite(self.friction) else 0.0)
         low = own > TOO_MUCH * target and normal < own / (2.0 * self._drive.spread)

@@ -295,7 +295,7 @@ class GripForce:
         """Fingers that take part and do not press what they are asked for, each with why."""
         found = []
         for i, (name, finger) in enumerate(zip(self.names, self.fingers, strict=True)):
-            target, law = self._targets.asked[i], self.laws[self._drives[i]]
+            target, law = self._targets.now[i], self.laws[self._drives[i]]
             if not self._used[i]:
                 continue
             if not finger.good:
@@ -454,6 +454,7 @@ class GripForce:
 
     def _contradict(self, given: GripInput, dt: float) -> None:
         """Ask the witnesses of the fingers that take part."""
+        new = self._new(given)
         for i, finger in enumerate(self.fingers):
             law = self.laws[self._drives[i]]
             if not (self._used[i] and finger.good) or len(self._of[self._drives[i]]) > 1:
@@ -462,7 +463,7 @@ class GripForce:
             pressed = told - law.trailing * law.drive.own
             if finger.touching:
                 target, raw = self._targets.now[i], float(given.normal[i])
-                why = finger.witness.press(raw, pressed, target, law.command, dt)
+                why = finger.witness.press(raw, new[i], pressed, target, law.command, dt)
             else:
                 asked, moved = self._targets.asked[i], float(given.closure[self._drives[i]])
                 ways = law.command, moved
@@ -594,16 +595,20 @@ class GripForce:
         if len({self._sides[i] for i in sided}) < 2:
             return errors
         net = sum(self._sides[i] * errors[i] for i in sided) / len(sided)
-        spared = 1.0 - (NET if self._since < NET_TIME and not self._has_settled else 0.0)
+        pushes, own = self._since < NET_TIME and not self._has_settled, list(errors)
         for i in sided:
-            errors[i] -= spared * self._sides[i] * net
-        strongest = max(
-            (self.fingers[i].normal - self.fingers[i].sigma) / max(targets[i], SAME)
+            errors[i] -= (1.0 - NET if pushes else 1.0) * self._sides[i] * net
+        ratios = {
+            i: (self.fingers[i].normal - self.fingers[i].sigma) / max(targets[i], SAME)
             for i in sided
-        )
-        if strongest > STRONGEST and self.phase in HOLDING:  # weaker readings may be wrong
+        }
+        strong = max(sided, key=lambda i: ratios[i])
+        over = STRONGEST - ratios[strong]
+        if over < 0.0 and self.phase in HOLDING:  # weaker readings may be wrong
             for i in sided:
-                errors[i] = min(errors[i], (STRONGEST - strongest) * targets[i])
+                errors[i] = min(errors[i], over * targets[i])
+                if pushes and self._sides[i] == self._sides[strong]:
+                    errors[i] = min(errors[i], own[i])
         return errors
 
     def _approach(self, drive: int, closure: float) -> float:

@@ -121,10 +121,13 @@ class Finger:
     def shortfall(self, closure: float, contact: float, wanted: Array, sent: Array) -> float:
         """Closure that joints (n,) lack which were sent instead of those of a closure.
 
-        That of the joint which comes closest: where one follows, the finger still closes. Joints
-        that hardly move on the way tell nothing of it.
+        Where drives press it is the force that is lacking; before that it is the way of the joint
+        which comes closest: where one follows, the finger still closes. Joints that hardly move
+        on the way tell nothing of it.
         """
-        slope = self.press if closure > contact else self._slopes[int(closure >= self.corner)]
+        if self.is_soft and closure > contact:
+            return float(self.lever @ (wanted - sent)) / self.travel
+        slope = self._slopes[int(closure >= self.corner)]
         moves = np.abs(slope) > TELLS * np.abs(slope).max()
         behind = (wanted - sent)[moves] / slope[moves]
         return float(behind[np.abs(behind).argmin()])

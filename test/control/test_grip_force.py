@@ -137,7 +137,7 @@ def test_sensors_that_disagree_walk_a_free_object_no_further_than_they_may(
 def test_a_sensor_that_fails_does_not_let_the_others_crush(worlds: ModuleType) -> None:
     one = Run(worlds, gains=(1.0, 0.1), free=True)
     one.grasp(seconds=10.0)
-    assert np.max(one.forces) < 2.0 * 1.75
+    assert np.max(one.forces) < 2.0 * 1.8
     assert np.mean(one.forces[-100:]) < 2.0 * 1.3
     assert not one.made[-1].settled
     assert any('finger 1 presses' in one for one in one.law.shortfalls())

@@ -205,7 +205,7 @@ class AllegroWorld:
         if not self.mute:
             position = self.data.qpos[self._q] + self.rng.normal(0.0, 2e-4, len(self._q))
             self.loop.take_joints(position, self.time, self.data.actuator_force.copy())
-        made = self.loop.step(self.time, round(1e9 * self.time))
+        self.made = made = self.loop.step(self.time, round(1e9 * self.time))
         if made.command is not None:
             self._waiting.append((self.time + DEAD_TIME, made.command.position))
         for _ in range(round(PERIOD / STEP)):
@@ -251,7 +251,7 @@ class AllegroWorld:
     def errors(self, seconds: float = 0.2) -> float:
         """Largest share by which a finger's mean force of late is off its target."""
         rows = [forces for at, forces in self.trace if at > self.time - seconds]
-        asked = dict(zip(self.loop.fingers, self.loop.law.asked, strict=True))
+        asked = dict(zip(self.loop.fingers, self.made.made.target_force.tolist(), strict=True))
         mean = {name: np.mean([row[name] for row in rows]) for name in asked}
         return max(abs(mean[name] / asked[name] - 1.0) for name in asked if asked[name] > 0)
 
