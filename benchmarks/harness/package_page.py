@@ -366,6 +366,7 @@ TITLES = {
     'five_wire_skin': '[5] Five-wire skin',
     'devices': 'Devices: faults, hostile bytes, speed, memory',
     'grasp': 'Grasp: slip and grip force',
+    'hands': 'Hands: Allegro by their shipped files',
     'latency': 'Delay and cost of a grip',
     'fidelity': 'Fidelity of the models',
     'roads': 'Three roads, one number',

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 LONGEST = (  # which begin
-    'devices', 'grasp', 'gradiometer', 'taxel_array', 'magnet_pad', 'reskin', 'multipole_skin',
+    'devices', 'grasp', 'hands', 'gradiometer', 'taxel_array', 'magnet_pad', 'reskin', 'multipole_skin',
     'replay',
 )  # fmt: skip
 UNDISTURBED = ('latency',)  # which run after the others, unless it shall be quick

@@ -79,8 +79,8 @@ class AllegroWorld:
         noise: float = 0.02,
         tilt: float = 0.0,
     ) -> None:
-        self.hand, self.rng, self.noise = load_hand(SHIPPED[drive]), np.random.default_rng(seed), noise
-        driver = self.hand.driver
+        self.hand, self.noise = load_hand(SHIPPED[drive]), noise
+        self.rng, driver = np.random.default_rng(seed), self.hand.driver
         order = FINGERS if driver.joints[0] == 'joint_0_0' else ('thumb', *FINGERS[:3])
         places = [(FINGERS.index(name), i) for name in order for i in range(4)]
         joints = [f'joint_{4 * finger + i}_0' for finger, i in places]
@@ -107,7 +107,7 @@ class AllegroWorld:
         self.trace: list[tuple[float, dict[str, float]]] = []
         self._place(OBJECTS[kind][3])
         self.restart()
-        self.run(REST)
+        self.made = self.run(REST)
 
     @property
     def time(self) -> float:
@@ -131,10 +131,11 @@ class AllegroWorld:
 
     def _posture(self, closure: float) -> Array:
         """Joints (j,) with every finger at a closure."""
-        position = self.hand.posture('open', np.clip(0.0, self.hand.driver.lower, self.hand.driver.upper))
+        lower, upper = self.hand.driver.lower, self.hand.driver.upper
+        position = self.hand.posture('open', np.clip(0.0, lower, upper))
         for name, finger in self.hand.fingers.items():
             position[self.hand.places(name)] = finger.posture(closure)
-        return np.clip(position, self.hand.driver.lower, self.hand.driver.upper)
+        return np.clip(position, lower, upper)
 
     def _put(self, position: Array) -> None:
         """Place joints and their targets."""
@@ -197,11 +198,12 @@ class AllegroWorld:
             if name in self.silent:
                 continue
             if not (self.frozen and name in self._read):
-                told = self.gain.get(name, 1.0) * force + self.rng.normal(0.0, self.noise, 3)
-                told[2] += self.bias.get(name, 0.0)
-                self._read[name] = told.tolist(), None if normal is None else normal.tolist()
+                reading = self.gain.get(name, 1.0) * force + self.rng.normal(0.0, self.noise, 3)
+                reading[2] += self.bias.get(name, 0.0)
+                self._read[name] = reading.tolist(), None if normal is None else normal.tolist()
             covariance = (self.noise**2 * np.eye(3)).ravel().tolist()
-            self.loop.take_touch(i, self._read[name][0], True, -1, self.time, self._read[name][1], covariance)
+            told, seen = self._read[name]
+            self.loop.take_touch(i, told, True, -1, self.time, seen, covariance)
         if not self.mute:
             position = self.data.qpos[self._q] + self.rng.normal(0.0, 2e-4, len(self._q))
             self.loop.take_joints(position, self.time, self.data.actuator_force.copy())
