@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
 
 LONGEST = (  # which begin
-    'devices', 'grasp', 'hands', 'gradiometer', 'taxel_array', 'magnet_pad', 'reskin', 'multipole_skin',
-    'replay',
+    'devices', 'grasp', 'hands', 'gradiometer', 'taxel_array', 'magnet_pad', 'reskin',
+    'multipole_skin', 'replay',
 )  # fmt: skip
 UNDISTURBED = ('latency',)  # which run after the others, unless it shall be quick
 DOMAINS = 102  # whose ports no other program of a Linux machine is given
