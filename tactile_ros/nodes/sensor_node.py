@@ -407,7 +407,7 @@ class SensorNode(ManagedNode):
         self._reader = Reader(
             device,
             self._deliver,
-            self.get_logger().error,
+            self.get_logger().warning,  # it is tried again; diagnostics say ERROR
             self._is_awaited,
             self._options.queue if self._downstream is None else 0,
             kept_back_s if self._options.discard_stale else 0.0,
