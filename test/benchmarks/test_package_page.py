@@ -60,11 +60,14 @@ def test_rows_are_found_by_their_beginnings_and_misses_are_marked() -> None:
     assert len(missing) == len(HEADLINES) - 2
 
 
-def test_the_table_of_the_readme_is_this_one() -> None:
-    table = re.findall(r'^\| .* \|$', README.read_text().split('## Results')[1], re.MULTILINE)
+def test_readme_shows_rows_of_the_summary() -> None:
+    section = README.read_text().split('## Results\n')[1].split('\n## ')[0]
+    table = re.findall(r'^\| .* \|$', section, re.MULTILINE)
     rows = [cells(line) for line in table]
     assert rows[0] == list(SUMMARY_COLUMNS)
-    assert [(row[0], row[1]) for row in rows[2:]] == [(h.of, h.words) for h in HEADLINES]
+    shown, known = [(row[0], row[1]) for row in rows[2:]], [(h.of, h.words) for h in HEADLINES]
+    assert shown == [one for one in known if one in shown]
+    assert len(shown) == 8
     for row in rows[2:]:
         ours = float(row[5].split('**')[1].replace(',', '').replace('−', '-'))
         if aim := re.fullmatch(r'([≤≥]) ([\d.e−]+)(, missed)?', row[7]):
