@@ -361,7 +361,7 @@ def normal_equations(
 
 
 @compiled
-def limited_step(
+def clipped_step(
     normal: Array, right: Array, pose: Array, limit: Array, size: float, tried: Array
 ) -> float:
     """Reduction of the cost that a whole step promises; `tried` (4,) is the pose after a part."""
@@ -403,7 +403,7 @@ def descend_rows(
         )
         size = 1.0
         for _ in range(ROUNDS):
-            promised = size * limited_step(normal[s], right, pose[s], limit, size, tried)
+            promised = size * clipped_step(normal[s], right, pose[s], limit, size, tried)
             hopeless = cost[s] - 2.0 * promised > own[head[s]]
             if hopeless or promised <= max(CLOSE, BEHIND * (cost[s] - own.min())):
                 break
@@ -416,7 +416,7 @@ def descend_rows(
                 size = 1.0
             else:
                 size *= SHRUNK
-        if limited_step(normal[s], right, pose[s], limit, 1.0, tried) <= CLOSE:
+        if clipped_step(normal[s], right, pose[s], limit, 1.0, tried) <= CLOSE:
             change = tried - pose[s]  # so short that a straight line tells what it does
             cost[s] -= change @ (2.0 * right - normal[s] @ change)
             plain[s, 0] += change @ plain[s, 1:]

@@ -620,7 +620,7 @@ def _moves(values: Array) -> bool:
     return bool((np.ptp(read, axis=0) > ROUNDING * np.abs(read).max(initial=0.0)).any())
 
 
-def filled(column: npt.NDArray[Scalar], rows: Integers, count: int) -> npt.NDArray[Scalar]:
+def scatter_rows(column: npt.NDArray[Scalar], rows: Integers, count: int) -> npt.NDArray[Scalar]:
     """Column of some rows for all of them, NaN or -1 in the others."""
     blank = np.nan if column.dtype.kind == 'f' else -1
     wide = np.full((count, *column.shape[1:]), blank, column.dtype)

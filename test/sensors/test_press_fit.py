@@ -10,7 +10,7 @@ import pytest
 
 from tactile_ros.estimators.few_shot import Presses
 from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.multipole_skin.press_fit import FOLDS, Labels, drawn_skin, stand_ins
+from tactile_ros.sensors.multipole_skin.press_fit import FOLDS, Labels, class_heads, drawn_skin
 from tactile_ros.sensors.multipole_skin.recogniser import Recogniser
 
 PLACES = np.repeat(1e-3 * np.array([[0, 0], [5, 0], [0, 5], [5, 5], [9, 9], [-9, 9.0]]), 6, axis=0)
@@ -49,9 +49,9 @@ def test_without_places_groups_of_the_recording_are_held_out() -> None:
         assert not set(group[out]) & set(group[~out])
 
 
-def test_stand_ins_are_what_all_presses_of_a_class_say_together() -> None:
+def test_class_heads_explain_all_presses_of_a_class() -> None:
     matches = SimpleNamespace(cost=np.array([[3.0, 4, 9], [8, 2, 9], [5, 6, 1], [1, 5, 2]]))
-    found = stand_ins(matches, np.array([4, 4, 7, 7]))  # type: ignore[arg-type]
+    found = class_heads(matches, np.array([4, 4, 7, 7]))  # type: ignore[arg-type]
     assert found.tolist() == [1, 1, 2, 2]
 
 

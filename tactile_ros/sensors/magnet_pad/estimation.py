@@ -31,7 +31,7 @@ from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.sensors.magnet_pad.inversion import SIGMAS, TABLE, PadInversion
 from tactile_ros.sensors.regression import CLASSES as REGRESSION_CLASSES
 from tactile_ros.sensors.regression import ESTIMATORS as REGRESSORS
-from tactile_ros.sensors.regression import Recognition, filled, places_of
+from tactile_ros.sensors.regression import Recognition, places_of, scatter_rows
 from tactile_ros.types import Array, Bools, FrameStatus, Integers
 
 if TYPE_CHECKING:
@@ -439,7 +439,8 @@ class Localisation(Recognition):
         if inversion.common is not None:
             answered['stray_field'] = found.cause
         for name, column in answered.items():
-            known[name] = column if len(rows) == len(every) else filled(column, rows, len(every))
+            whole = len(rows) == len(every)
+            known[name] = column if whole else scatter_rows(column, rows, len(every))
         odd = found.misfit > inversion.posterior.unlike * inversion.misfit_
         strong = odd | (np.abs(found.cause) > FIELDS * STRAY).any(axis=1)
         least, most = (inversion.span_ * (1 / MARGIN, MARGIN)) ** 2

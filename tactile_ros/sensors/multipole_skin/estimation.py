@@ -22,7 +22,7 @@ from tactile_ros.sensors.multipole_skin.recogniser import (
     Recogniser,
     best_network,
 )
-from tactile_ros.sensors.regression import Recognition, filled
+from tactile_ros.sensors.regression import Recognition, scatter_rows
 from tactile_ros.types import Estimation
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def column_of(truth: Columns, name: str, rows: Integers, width: int) -> Array:
 def only_rows(known: Columns, rows: Integers) -> None:
     """Blank what is answered once a window in all other rows; `known` is changed."""
     for name in set(ONCE) & set(known):
-        known[name] = filled(known[name][rows], rows, len(known[name]))
+        known[name] = scatter_rows(known[name][rows], rows, len(known[name]))
 
 
 @dataclass
@@ -567,8 +567,8 @@ class MultipoleEstimation(Estimation):
         if self.network_ is not None:
             firm = self.recogniser_.strength(presses) >= WEAKEST
             label, chance = self.network_.predict(windows, firm)
-            known['label'] = filled(label, rows, n)
-            known['label_probability'] = filled(chance, rows, n)
+            known['label'] = scatter_rows(label, rows, n)
+            known['label_probability'] = scatter_rows(chance, rows, n)
         # where votes or a network are better, presses name enrolled classes alone
         mine = np.ones(len(rows), bool)
         if 'label' not in self.by_press_:
@@ -576,7 +576,7 @@ class MultipoleEstimation(Estimation):
         for name in ('label', 'label_probability'):
             column = answers.label if name == 'label' else answers.probability
             if 'label' in self.by_press_ or name not in known:
-                known[name] = filled(column[:0], rows[:0], n)
+                known[name] = scatter_rows(column[:0], rows[:0], n)
             known[name][rows[mine]] = column[mine]
         if 'position' in self.by_press_:
             self._place(known, rows, answers, n)
@@ -590,7 +590,7 @@ class MultipoleEstimation(Estimation):
             if 'position' in self.by_press_:
                 place = np.asarray(known['position'][rows], np.float64)
                 told['object_pose'], told['object_pose_cov'] = object_pose(answers, place)
-            known.update({name: filled(column, rows, n) for name, column in told.items()})
+            known.update({name: scatter_rows(column, rows, n) for name, column in told.items()})
         return known
 
     def _place(self, known: Columns, rows: Integers, answers: Answers, n: int) -> None:

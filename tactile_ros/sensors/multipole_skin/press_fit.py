@@ -187,7 +187,7 @@ def _fit_sheet(
     if len(rows) < FEWEST:
         return presses, {}
     each = np.arange(len(tried))
-    column = stand_ins(matches, label) if column is None else column
+    column = class_heads(matches, label) if column is None else column
     head = label if described else column
     poses, cost = matches.pose[each, column, :3], matches.cost[each, column]
     turned = np.isfinite(labels.yaw[tried]) & described
@@ -220,7 +220,7 @@ def _fit_sheet(
     return replace(presses, pattern=outside), report
 
 
-def stand_ins(matches: Matches, label: Integers) -> Integers:
+def class_heads(matches: Matches, label: Integers) -> Integers:
     """Head (n,) of the library that explains all presses of the class of each best.
 
     Presses of one class share their shape, wherever they are: together they say what one leaves
