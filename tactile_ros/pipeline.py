@@ -17,6 +17,7 @@ import numpy.typing as npt
 from tactile_ros import calibration
 from tactile_ros.conditioning.baseline import (
     BaselineTracker,
+    Followed,
     Rest,
     Stream,
     Tracking,
@@ -121,29 +122,18 @@ class Pipeline:
         uses_temperature = self.estimation.uses_temperature
         return Rest.unknown(self.layout.shape, self.config.noise, uses_temperature)
 
-    def _tracking(self) -> Tracking | None:
-        follows = self.config.track_baseline and self.rest_.tared
-        return Tracking(self.rest_.scale) if follows else None
-
     def _tracker(self) -> BaselineTracker:
-        return BaselineTracker(self.rest_.level, self._tracking(), self._tare_variance)
-
-    @property
-    def _tare_variance(self) -> float:
-        """Variance of the last tare's baseline over that of a frame; 0: it is that of the fit."""
-        return 1 / self.tare_frames if self.tare_frames else 0.0
+        rest, frames = self.rest_, self.tare_frames
+        follows = self.config.track_baseline and rest.tared
+        tracking = Tracking(rest.scale) if follows else None
+        return BaselineTracker(rest.level, tracking, 1 / frames if frames else 0.0)
 
     def tare(self, frames: Sequence[Frame]) -> None:
         """Replace the baseline by the mean of resting frames; an error leaves it as it was.
 
-        Parameters
-        ----------
-        frames : sequence of Frame
-            At least one, of this sensor's shape, with a taxel that was read; NaN and unusable
-            taxels are left out; covariances hold the noise of so many frames, and of as many as
-            each is the mean of. A pipeline fitted without a baseline takes none.
-
-        Raises ValueError if there is no such frame, or the fit wanted no baseline.
+        NaN and unusable taxels are left out; covariances hold the noise of so many frames, and of
+        as many as each is the mean of. Raises ValueError if no frame of this sensor's shape has a
+        taxel that was read, or the fit wanted no baseline.
         """
         if not self.rest_.tared:
             msg = (
@@ -175,22 +165,11 @@ class Pipeline:
         return self.rest_.split(self.stream.tracker.baseline.copy())[1]
 
     def process(self, frame: Frame, fails: bool = False) -> ContactState:
-        """Estimate from the next frame of the stream.
+        """Estimate from the next frame of the stream: the numbers of `process_batch`.
 
-        Parameters
-        ----------
-        frame : Frame
-            Of this sensor's shape; a stamp that is not newer than the last begins a new stream.
-        fails : bool
-            Repeat a run in which the estimation raised at this frame, whatever it does now; a
-            frame of which nothing was read cannot fail.
-
-        Returns
-        -------
-        ContactState
-            The same numbers as `process_batch` gives for the stream.
-
-        Raises ValueError if the frame's shape differs from the layout.
+        A stamp that is not newer than the last begins a new stream. With `fails`, a run is
+        repeated in which the estimation raised at this frame, whatever it does now; a frame of
+        which nothing was read cannot fail. Raises ValueError if the shape differs from the layout.
         """
         self._check_shape(np.shape(frame.values))
         usable, bits, chips = self._frame_readings(frame)
@@ -200,19 +179,10 @@ class Pipeline:
         return ContactState.assemble(bits.shape[1], known)
 
     def process_next(self, recording: Recording) -> ContactStates:
-        """Estimate from the next frames of the stream, many at once.
+        """Estimate from the next frames of one stream at once: as `process` one by one.
 
-        Parameters
-        ----------
-        recording : Recording
-            One frame or more of one stream; its columns `stream` and `tare` are not used.
-
-        Returns
-        -------
-        ContactStates
-            The same numbers as `process` gives for them one by one, to rounding.
-
-        Raises ValueError if the shape, the unit or a channel differs from the layout.
+        The columns `stream` and `tare` are not used. Raises ValueError if the shape, the unit or a
+        channel differs from the layout.
         """
         self.check_layout(recording)
         usable, bits = self._readings(recording.values, recording.status, self.rest_.dead)
@@ -222,17 +192,8 @@ class Pipeline:
     def process_batch(self, recording: Recording) -> ContactStates:
         """Estimate from every frame of a recording, starting from `reset()`.
 
-        Parameters
-        ----------
-        recording : Recording
-            Of this sensor's shape; its tare rows give the baseline inside their stream.
-
-        Returns
-        -------
-        ContactStates
-            One row per row of the recording.
-
-        Raises ValueError if the shape, the unit or a channel differs from the layout.
+        Its tare rows give the baseline inside their stream. Raises ValueError if the shape, the
+        unit or a channel differs from the layout.
         """
         self.check_layout(recording)
         return self._process_batch(recording, strict=False)
@@ -284,22 +245,18 @@ class Pipeline:
         """State attributes of the next frames of the stream, a new one if time went back."""
         if self.stream.is_over(stamp_ns):
             self.reset()
-        restart = self.stream.admit(stamp_ns, len(bits))
         beside = self.rest_.with_temperature(usable, chips)
-        levels, variance = self.stream.tracker.follow(beside, stamp_ns)
-        signals = self._condition(usable, bits, chips, stamp_ns, restart, levels, variance)
+        followed = self.stream.follow(beside, stamp_ns)
+        signals = self._condition(usable, bits, chips, stamp_ns, followed)
         return self._estimate(signals, bits, self.stream, fails=fails)
 
     def _condition_rows(self, recording: Recording, usable: Array, bits: Bytes) -> Signals:
         """Conditioned frames of a recording."""
         chips, rest = recording.temperature_c, self.rest_
-        levels, variance, restart, tare = stream_baselines(
-            recording, rest.with_temperature(usable, chips), rest.level, self._tracking(),
-            rest.dead, self._tare_variance,
-        )  # fmt: skip
-        signals = self._condition(
-            usable, bits, chips, recording.stamp_ns, restart, levels, variance, tare
+        followed = stream_baselines(
+            recording, rest.with_temperature(usable, chips), self._tracker(), rest.dead
         )
+        signals = self._condition(usable, bits, chips, recording.stamp_ns, followed)
         return replace(signals, begins=recording.restarts, tare=recording.tare)
 
     def _condition(
@@ -308,15 +265,12 @@ class Pipeline:
         bits: Bytes,
         chips: Array | None,
         stamp_ns: Integers | None,
-        restart: Bools,
-        levels: Array,
-        variance: Array,
-        tare: Bools | None = None,
+        followed: Followed,
     ) -> Signals:
         """Frames less their baseline, with what the readings say about contact."""
         rest = self.rest_
         chips = None if chips is None else plausible_temperature(chips)
-        base, reference_c = rest.split(levels)
+        base, reference_c = rest.split(followed.levels)
         delta = usable - base if rest.tared else usable
         if reference_c is not None and rest.tared:
             delta = delta - self.estimation.thermal_drift(base, reference_c, chips)
@@ -324,10 +278,10 @@ class Pipeline:
         some = self.estimation.estimable_rows(bits) if np.count_nonzero(bits) else None
         if some is not None:
             good, felt = some, np.where(np.isnan(delta) & np.isfinite(base), 0.0, delta)
-        contact = rest.contact(felt, good, tare)
+        contact = rest.contact(felt, good, followed.tare)
         return Signals(
-            usable, delta, base, chips, stamp_ns, restart, contact, good,
-            baseline_variance=variance, rest_temperature_c=reference_c,
+            usable, delta, base, chips, stamp_ns, followed.restart, contact, good,
+            baseline_variance=followed.variance, rest_temperature_c=reference_c,
         )  # fmt: skip
 
     # -- estimate ----------------------------------------------------------------------------
@@ -367,7 +321,7 @@ class Pipeline:
     ) -> tuple[Columns, Bools]:
         """Answers of the estimation, and the rows (s,) at which it raised.
 
-        What raises is halved until it is one frame, what succeeds is doubled.
+        Whatever raises is halved until it is one frame, whatever succeeds is doubled.
         """
         count, taxels = signals.values.shape[:2]
         parts, lengths, failed = [], [], np.zeros(count, bool)
@@ -377,34 +331,30 @@ class Pipeline:
             if first or size < count:
                 after_failure = first > 0 and bool(failed[first - 1])
                 part = signals.select(slice(first, first + size), after_failure)
-            before = deepcopy(stream.memory) if len(part.good) > 1 and not strict else None
+            length = len(part.good)
+            before = deepcopy(stream.memory) if length > 1 and not strict else None
             try:
-                contact = self.estimation.contact_from_sensor(part)
-                known = self.estimation.estimate(replace(part, in_contact=contact), stream.memory)
                 if fails:
                     msg = 'it failed in the live run'
                     raise ArithmeticError(msg)  # noqa: TRY301
+                contact = self.estimation.contact_from_sensor(part)
+                known = self.estimation.estimate(replace(part, in_contact=contact), stream.memory)
                 parts.append({**known, 'in_contact': contact})
                 size *= 2
             except Exception as error:
                 if strict or isinstance(error, MemoryError):
                     raise
-                if len(part.good) > 1:
-                    stream.memory, size = before, len(part.good) // 2
+                if length > 1:
+                    stream.memory, size = before, length // 2
                     continue
                 self.failures += 1
                 self.failure = f'{type(error).__name__}: {error}'
                 stream.memory = self.estimation.start()
                 failed[first] = True
-                parts.append(
-                    {
-                        'taxel_status': np.full((1, taxels), ERROR),
-                        'status': np.array([BAD_TAXELS]),
-                        'in_contact': np.array([-1], np.int8),
-                    }
-                )
-            lengths.append(len(part.good))
-            first += len(part.good)
+                unknown = {'in_contact': np.array([-1], np.int8), 'status': np.array([BAD_TAXELS])}
+                parts.append({**unknown, 'taxel_status': np.full((1, taxels), ERROR)})
+            lengths.append(length)
+            first += length
         return (parts[0] if len(parts) == 1 else _join_columns(parts, lengths, taxels)), failed
 
     # -- assemble ----------------------------------------------------------------------------
@@ -437,19 +387,10 @@ class Pipeline:
     # -- fit ---------------------------------------------------------------------------------
 
     def fit(self, *recordings: Recording) -> Pipeline:
-        """Learn baseline, noise, contact threshold and estimators from recordings.
+        """Learn baseline, noise, contact threshold and estimators from one recording or more.
 
-        Parameters
-        ----------
-        *recordings : Recording
-            One or more of this sensor's shape; what their truth knows is learned.
-
-        Returns
-        -------
-        Pipeline
-            Itself.
-
-        Raises ValueError if there is no recording, or a shape, a unit or a channel differs.
+        Returns itself. Raises ValueError if there is no recording, or a shape, a unit or a channel
+        differs.
         """
         self.check_layout(*recordings)
         joined = join(recordings)
@@ -598,7 +539,7 @@ class Pipeline:
                 raise CalibrationError(msg)
             allowed = {'Layout': Layout, 'Rest': Rest, **classes}
             parts = {name: calibration.restore(arrays, name, allowed) for name in PARTS}
-            _refuse_misfit(path, parts, classes)
+            _refuse_misfit(f'calibration {path}', parts, classes)
         except (ValueError, TypeError, OverflowError, AttributeError, LookupError) as error:
             msg = f'calibration {path} is damaged ({error}); calibrate again'
             raise CalibrationError(msg) from error
@@ -667,25 +608,21 @@ def _refuse_other_answers(now: Sequence[Columns], stored: object) -> None:
 
 
 def _refuse_misfit(
-    path: str | Path, parts: Mapping[str, object], classes: Mapping[str, type]
+    name: str, parts: Mapping[str, object], classes: Mapping[str, type]
 ) -> None:
     """Refuse parts of other kinds or shapes than a pipeline's."""
     layout, rest, counts = parts['layout'], parts['rest_'], parts['left_out_']
-    known = all(type(parts[name]) in classes.values() for name in ('config', 'estimation'))
-    if not (isinstance(layout, Layout) and isinstance(rest, Rest) and known):
-        msg = f'calibration {path} lacks a layout, a rest level or estimators; calibrate again'
+    fitted = all(type(parts[key]) in classes.values() for key in ('config', 'estimation'))
+    if not (isinstance(layout, Layout) and isinstance(rest, Rest) and fitted):
+        msg = f'{name} lacks a layout, a rest level or estimators; calibrate again'
         raise CalibrationError(msg)
     if not (isinstance(counts, dict) and all(isinstance(n, float) for n in counts.values())):
-        msg = f'what the fit left out is no table of counts in calibration {path}; calibrate again'
+        msg = f'what the fit left out is no table of counts in {name}; calibrate again'
         raise CalibrationError(msg)
-    arrays = {'baseline': rest.baseline, 'noise': rest.noise, 'scale': rest.scale}
-    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(arrays, layout.shape)
-    if rest.temperature_c is not None:
-        arrays['temperature_c'], shapes['temperature_c'] = rest.temperature_c, layout.shape[:1]
-    for name, wanted in shapes.items():
-        if np.shape(arrays[name]) != wanted:
-            found = np.shape(arrays[name])
-            msg = f'{name} of calibration {path} must have shape {wanted}; received {found}'
+    for key in ('baseline', 'noise', 'scale', 'temperature_c'):
+        array, wanted = vars(rest)[key], layout.shape[: 1 if key == 'temperature_c' else 2]
+        if np.shape(array) != wanted and not (key == 'temperature_c' and array is None):
+            msg = f'{key} of {name} must have shape {wanted}; received {np.shape(array)}'
             raise CalibrationError(msg)
 
 
@@ -707,14 +644,9 @@ def _join_columns(parts: Sequence[Columns], lengths: Sequence[int], taxels: int)
 
 
 def apply_contact(known: Columns, contact: npt.NDArray[np.int8], good: Bools) -> None:
-    """Blank what unusable and untouched frames cannot tell; forces of the untouched are 0.
+    """Blank what unusable and untouched rows (s,) cannot tell; forces of the untouched are 0.
 
-    Parameters
-    ----------
-    known : dict of str to ndarray, shape (s, ...)
-        Estimates; changed in place.
-    contact, good : ndarray, shape (s,)
-        1, 0, -1 unknown; rows that may be estimated from.
+    `known` is changed in place; `contact` is 1, 0, -1 unknown, `good` rows to estimate from.
     """
     untouched = contact == 0
     spoilt, free = np.count_nonzero(good) < len(good), np.count_nonzero(untouched) > 0
@@ -731,14 +663,9 @@ def apply_contact(known: Columns, contact: npt.NDArray[np.int8], good: Bools) ->
 
 
 def add_patches(known: Columns, number: Integers) -> None:
-    """List the one patch that a position or a force speaks of; sensors may bring their own.
+    """List the one patch (s,) that a position or a force speaks of, -1 where nothing touches.
 
-    Parameters
-    ----------
-    known : dict of str to ndarray, shape (s, ...)
-        Estimates; changed in place.
-    number : ndarray, shape (s,)
-        Id of the patch, -1 where nothing touches.
+    `known` is changed in place; sensors may bring patches of their own.
     """
     if 'contacts_id' in known or not ('position' in known or 'force' in known):
         return

@@ -51,25 +51,19 @@ class Tracking:
 class BaselineTracker:
     """Follow the baseline over the frames of one stream, one by one or many at once.
 
-    Parameters
+    Attributes
     ----------
-    start : ndarray, shape (t, c) or more channels
-        Baseline at the start of the stream (unit of values). Channels beyond those of `tracking`
-        (temperatures) are followed by their finite readings, and do not count for rest.
+    baseline : ndarray, shape (t, c) or more channels
+        As it is now (unit of values). Channels beyond those of `tracking` (temperatures) are
+        followed by their finite readings, and do not count for rest.
     tracking : Tracking or None
         None: the baseline stays.
     variance : float
-        Variance of the baseline at the start over that of a frame at rest.
-
-    Attributes
-    ----------
-    baseline, variance : ndarray of shape (t, c), float
-        As they are now.
+        Variance of the baseline as it is now over that of a frame at rest.
     """
 
     def __init__(self, start: Array, tracking: Tracking | None, variance: float = 0.0) -> None:
-        self.baseline, self.variance = start, variance
-        self.tracking = tracking
+        self.baseline, self.tracking, self.variance = start, tracking, variance
         self._judged = slice(None if tracking is None else tracking.scale.shape[1])
         self._unknown = bool(np.isnan(start[:, self._judged]).any())
         self._begin(0)
@@ -81,14 +75,9 @@ class BaselineTracker:
         self._count, self._begin_ns, self._quiet = 0, stamp_ns, True
 
     def follow(self, values: Array, stamp_ns: Integers | None) -> tuple[Array, Array]:
-        """Baseline (s, t, c) that holds for each frame, and its variance (s,); follow the frames.
+        """Baselines (s, t, c) of frames in time order and their variances (s,); follow the frames.
 
-        Parameters
-        ----------
-        values : ndarray, shape (s, t, c)
-            Frames in time order (unit of values).
-        stamp_ns : ndarray, shape (s,), or None
-            Acquisition times; None: independent frames, nothing is followed.
+        Without stamps (s,) the frames are independent, and nothing is followed.
         """
         levels = np.repeat(self.baseline[None], len(values), axis=0)
         variance = np.full(len(values), self.variance)
@@ -165,39 +154,43 @@ def tare_means(values: Array, run: Integers) -> Array:
     return np.asarray(total / np.where(hits > 0, hits, np.nan))
 
 
+@dataclass(frozen=True)
+class Followed:
+    """Baselines of frames that follow one another.
+
+    Attributes
+    ----------
+    levels, variance : ndarray, shape (s, t, c) and (s,)
+        Baselines, and their variance over that of a frame at rest.
+    restart : ndarray, shape (s,)
+        Rows before which memory is forgotten.
+    tare : ndarray, shape (s,), or None
+        Resting rows that gave a baseline.
+    """
+
+    levels: Array
+    variance: Array
+    restart: Bools
+    tare: Bools | None = None
+
+
 def stream_baselines(
-    recording: Recording,
-    values: Array,
-    start: Array,
-    tracking: Tracking | None,
-    dead: Bools | None = None,
-    start_variance: float = 0.0,
-) -> tuple[Array, Array, Bools, Bools]:
-    """Baseline of every row of a recording.
+    recording: Recording, values: Array, start: BaselineTracker, dead: Bools | None = None
+) -> Followed:
+    """Baseline of every row of a recording, whose tare rows give that of what follows.
 
     Parameters
     ----------
     recording : Recording
-        Its tare rows give the baseline of what follows in their stream.
+        Its streams, stamps and tare rows.
     values : ndarray, shape (s, t, c)
         Its readings, NaN where unusable; as `Rest.with_temperature` gives them.
-    start : ndarray, shape (t, c)
-        Baseline of rows that no tare run precedes; as `Rest.level` has it.
-    tracking : Tracking or None
-        Rule by which the baseline follows in stamped streams.
+    start : BaselineTracker
+        Baseline of rows that no tare run precedes, and the rule by which all follow.
     dead : ndarray, shape (t,), or None
         Taxels whose readings mean nothing.
-    start_variance : float
-        Variance of `start` over that of a frame.
-
-    Returns
-    -------
-    levels, variance : ndarray, shape (s, t, c) and (s,)
-        Baselines, and their variance over that of a frame at rest.
-    restart, tare : ndarray, shape (s,)
-        Rows before which memory is forgotten; resting rows that gave a baseline.
     """
-    restarts = recording.restarts
+    restarts, tracking = recording.restarts, start.tracking
     tare = np.zeros(len(restarts), bool) if recording.tare is None else recording.tare
     run, serves = tare_runs(tare, restarts)
     means = tare_means(values, run)
@@ -207,11 +200,11 @@ def stream_baselines(
         tare = tare & ~unread[run]
         run, serves = tare_runs(tare, restarts)
         means = tare_means(values, run)
-    levels = np.concatenate([means, start[None]])[serves]
+    levels = np.concatenate([means, start.baseline[None]])[serves]
     count = np.bincount(run[run >= 0], minlength=len(means))
-    variance = np.concatenate([1 / np.maximum(count, 1), [start_variance]])[serves]
+    variance = np.concatenate([1 / np.maximum(count, 1), [start.variance]])[serves]
     if recording.stamp_ns is None:
-        return levels, variance, np.ones(len(restarts), bool), tare
+        return Followed(levels, variance, np.ones(len(restarts), bool), tare)
     restart = restarts.copy()
     restart[1:] |= tare[:-1]
     if tracking is not None:
@@ -221,7 +214,7 @@ def stream_baselines(
             if stamps[-1] - stamps[0] >= tracking.period_ns:
                 tracker = BaselineTracker(levels[a], tracking, float(variance[a]))
                 levels[a:b], variance[a:b] = tracker.follow(values[a:b], stamps)
-    return levels, variance, restart, tare
+    return Followed(levels, variance, restart, tare)
 
 
 def training_baseline_variance(baseline: Array, variance: Array | None) -> float:
@@ -349,22 +342,19 @@ class Rest:
         ordered: bool = True,
         chips: Array | None = None,
     ) -> Rest:
-        """Rest with baseline and noise of a recording; `threshold` sets the threshold of contact.
+        """Rest with baseline and noise of readings (s, t, c); `threshold` sets that of contact.
 
         Parameters
         ----------
         values : ndarray, shape (s, t, c)
             Readings, NaN where unusable (unit of values).
-        resting : ndarray, shape (s,)
-            Rows that give the baseline; if there is none, readings are used without one.
-        stamp_ns : ndarray, shape (s,), or None
-            Acquisition times.
-        restarts : ndarray, shape (s,)
-            Rows at which a stream begins.
+        resting, restarts : ndarray, shape (s,)
+            Rows that give the baseline, none: readings are used without one; those at which a
+            stream begins.
+        stamp_ns, chips : ndarray, shape (s,) and (s, t), or None
+            Acquisition times; temperatures (degrees Celsius).
         ordered : bool
-            False: independent frames, whose order says nothing; what they differ by is noise.
-        chips : ndarray, shape (s, t), or None
-            Temperatures (degrees Celsius).
+            False: independent frames, whose order says nothing; all they differ by is noise.
         """
         if not resting.any():
             return replace(self, baseline=np.zeros(values.shape[1:]), tared=False)
@@ -386,15 +376,10 @@ class Rest:
     def threshold(
         self, touched: Array, firm: Array | None = None, dead: Bools | None = None
     ) -> Rest:
-        """Rest with the threshold of contact, from the noise and from labelled touches.
+        """Rest with the threshold of contact, from the noise and from labelled touches (s, t, c).
 
-        Parameters
-        ----------
-        touched, firm : ndarray, shape (s, t, c)
-            Deviations of labelled touches, the lightest among them; of firm ones, which limit the
-            threshold where drift passes for noise: where there is none, all touches do.
-        dead : ndarray, shape (t,), or None
-            Taxels that never touch.
+        The lightest `touched` raise it; `firm` ones limit it where drift passes for noise: where
+        there is none, all touches do. Taxels that are `dead` (t,) never touch.
         """
         labelled = _whole(touched)
         felt = None if firm is None else _whole(firm)
@@ -407,12 +392,8 @@ class Rest:
     def contact(self, delta: Array, good: Bools, tare: Bools | None) -> npt.NDArray[np.int8]:
         """Contact (s,): 1 where a channel left the threshold, 0 where none did, -1 unknown.
 
-        Parameters
-        ----------
-        delta : ndarray, shape (s, t, c)
-            Deviations from the baseline.
-        good, tare : ndarray, shape (s,)
-            Rows that may be judged; rows labelled as resting, or None.
+        Of deviations (s, t, c) from the baseline, in rows that are `good`; rows labelled as `tare`
+        are at rest.
         """
         if not self.tared:
             return np.full(len(delta), -1, np.int8)
@@ -481,15 +462,11 @@ class Stream:
             return False
         return bool(stamp_ns[0] <= self._newest_ns)
 
-    def admit(self, stamp_ns: Integers | None, count: int) -> Bools:
-        """Take in the stamps (s,) of the next frames: rows (s,) before which memory is forgotten.
-
-        None: independent frames, which memory passes over.
-        """
-        if stamp_ns is None:
-            return np.ones(count, bool)
-        restart = np.zeros(count, bool)
-        if count:
+    def follow(self, values: Array, stamp_ns: Integers | None) -> Followed:
+        """Baselines of the next frames (s, t, c); without stamps memory passes over them."""
+        levels, variance = self.tracker.follow(values, stamp_ns)
+        restart = np.full(len(values), stamp_ns is None)
+        if stamp_ns is not None and len(values):
             restart[0], self._fresh = self._fresh, False
             self._newest_ns = int(stamp_ns[-1])
-        return restart
+        return Followed(levels, variance, restart)

@@ -20,49 +20,50 @@ SECONDS_PER_NS = 1e-9
 
 
 @compiled
+def branch_weights(elapsed: float, tau: Array, weights: Array) -> None:
+    """Fill weights (3, m) of the old mean, the last and the new value, linear in between."""
+    for j in range(len(tau)):
+        part = elapsed / tau[j]
+        decay, share = math.exp(-part), -math.expm1(-part) / part
+        weights[0, j], weights[1, j], weights[2, j] = decay, share - decay, 1.0 - share
+
+
+@compiled
 def fade_rows(
     change: Array, stamp_ns: Integers, restart: Bools, tau: Array, begun: bool, newest: int,
-    last: Array, lag: Array, means: Array,
+    last: Array, mean: Array, means: Array,
 ) -> tuple[bool, int]:  # fmt: skip
-    """Fill means (s, m, d) of changes (s, d); last (d,) and lag (m, d) of the means move on.
+    """Fill means (s, m, d) of changes (s, d); last (d,) and mean (m, d) move on.
 
     Returns true once the stream has begun, and its newest stamp.
     """
+    weights = np.empty((3, len(tau)))
     for i in range(len(change)):
         if restart[i]:
             last[:] = 0.0
-            lag[:] = 0.0
+            mean[:] = 0.0
             begun = False
-        if not begun or stamp_ns[i] > newest:
-            for j in range(len(tau)):
-                decay, share = 0.0, 1.0
-                if begun:
-                    exponent = -(stamp_ns[i] - newest) * SECONDS_PER_NS / tau[j]
-                    decay, share = math.exp(exponent), math.expm1(exponent) / exponent
-                for d in range(len(last)):
-                    # the change less its mean fades, and takes in the average of the step since
-                    step = 0.0 if math.isnan(change[i, d]) else change[i, d] - last[d]
-                    lag[j, d] = lag[j, d] * decay + share * step
+        if begun and stamp_ns[i] > newest:
+            branch_weights((stamp_ns[i] - newest) * SECONDS_PER_NS, tau, weights)
             for d in range(len(last)):
-                if not math.isnan(change[i, d]):
-                    last[d] = change[i, d]
+                now = last[d] if math.isnan(change[i, d]) else change[i, d]
+                for j in range(len(tau)):
+                    mean[j, d] = (
+                        weights[0, j] * mean[j, d] + weights[1, j] * last[d] + weights[2, j] * now
+                    )
+                last[d] = now
+            newest = stamp_ns[i]
+        elif not begun:
+            last[:] = np.where(np.isnan(change[i]), 0.0, change[i])
             begun, newest = True, stamp_ns[i]
-        means[i] = last - lag
+        means[i] = mean
     return begun, newest
 
 
 class FadingMemory:
     """Fading means of one stream, one frame at a time or many at once with the same numbers.
 
-    Parameters
-    ----------
-    time_constants : ndarray, shape (m,)
-        Time constants of the memory (s).
-
-    Raises
-    ------
-    ValueError
-        If a time constant is not positive.
+    The `time_constants` (m,) are in seconds; ValueError if one is not positive.
 
     Notes
     -----
@@ -89,7 +90,7 @@ class FadingMemory:
         """Forget the past: what came before counts as rest."""
         self._stamp_ns: int | None = None
         self._last = np.zeros(0)
-        self._lag = np.zeros((len(self.time_constants), 0))
+        self._mean = np.zeros((len(self.time_constants), 0))
 
     def step(self, change: Array, stamp_ns: int) -> Array:
         """Means (m, d) after one more frame (d,), 0 at the first; see `__call__`."""
@@ -97,7 +98,7 @@ class FadingMemory:
         return np.asarray(means[0])
 
     def __call__(self, change: Array, stamp_ns: Integers, restart: Bools) -> Array:
-        """Take frames into the memory.
+        """Take frames into the memory: means (s, m, d) after each (unit of change).
 
         Parameters
         ----------
@@ -105,22 +106,17 @@ class FadingMemory:
             Change since the tare in time order; NaN: not measured, the last change is held.
         stamp_ns : ndarray, shape (s,)
             Acquisition times, irregular and with gaps; a frame that is not newer than the last
-            one is not remembered.
+            one leaves the means as they are.
         restart : ndarray, shape (s,)
             Frames before which the past is forgotten: a new stream, or a tare.
-
-        Returns
-        -------
-        ndarray, shape (s, m, d)
-            Means after each frame (unit of change).
         """
         count, width = change.shape
         if len(self._last) != width:
-            self._last, self._lag = np.zeros(width), np.zeros((len(self.time_constants), width))
-        means = np.empty((count, len(self.time_constants), width))
+            self._last, self._mean = np.zeros(width), np.zeros((len(self.time_constants), width))
+        means = np.empty((count, *self._mean.shape))
         begun, newest = fade_rows(
             np.ascontiguousarray(change), stamp_ns, restart, self.time_constants,
-            self._stamp_ns is not None, self._stamp_ns or 0, self._last, self._lag, means,
+            self._stamp_ns is not None, self._stamp_ns or 0, self._last, self._mean, means,
         )  # fmt: skip
         self._stamp_ns = int(newest) if begun else None
         return means

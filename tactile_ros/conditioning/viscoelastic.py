@@ -14,10 +14,14 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.optimize import minimize
 
+from tactile_ros.conditioning.fading_memory import (
+    SECONDS_PER_NS,
+    FadingMemory,
+    branch_weights,
+)
 from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array, Bools, Integers
 
-NS = 1e-9
 FEWEST_ROWS = 60
 MOST_ROWS, FEW_ROWS, MANY = 700, 400, 200  # rows, those of many taxels
 CHOSEN = 3  # taxels that choose the time constants
@@ -27,15 +31,6 @@ ROUNDS = 12
 MOST_SHARE = 3.0
 STILL = 0.02  # of the largest load: a smaller change ends no hold
 SEARCH = {'maxiter': 45, 'xatol': 0.02, 'fatol': 1e-9}
-
-
-@compiled
-def branch_weights(elapsed: float, tau: Array, weights: Array) -> None:
-    """Fill weights (3, b) of old strain, last and new force, which is linear in between."""
-    for b in range(len(tau)):
-        part = elapsed / tau[b]
-        decay, mean = math.exp(-part), -math.expm1(-part) / part
-        weights[0, b], weights[1, b], weights[2, b] = decay, mean - decay, 1.0 - mean
 
 
 @compiled
@@ -70,7 +65,7 @@ def undo_rows(
             last[:] = 0.0
             begun = False
         if begun and stamp_ns[i] > newest:
-            branch_weights((stamp_ns[i] - newest) * NS, tau, weights)
+            branch_weights((stamp_ns[i] - newest) * SECONDS_PER_NS, tau, weights)
             undo_row(v[i], share, weights, strain, last, forces[i])
             newest = stamp_ns[i]
             continue
@@ -147,7 +142,7 @@ class Creep:
 
     def crept(self, load: Array, stamp_ns: Integers, restart: Bools) -> Array:
         """Load (s, t) that creep adds to a load (s, t) (N); an unknown load adds none."""
-        strain = strains(np.nan_to_num(load), self.tau, stamp_ns, restart)
+        strain = FadingMemory(self.tau)(np.nan_to_num(load), stamp_ns, restart)
         return np.asarray(np.einsum('bt,sbt->st', self.share, strain))
 
 
@@ -157,37 +152,6 @@ class CreepState:
     def __init__(self, strain: Array, last: Array) -> None:
         self.strain, self.last = strain, last
         self.stamp_ns: int | None = None
-
-
-@compiled
-def strain_rows(
-    force: Array, tau: Array, stamp_ns: Integers, restart: Bools, strain: Array
-) -> None:
-    """Fill strains (s, b, t) of branches (b,) under forces (s, t): the forward model."""
-    weights = np.empty((3, len(tau)))
-    strain[0] = 0.0
-    for i in range(1, len(force)):
-        if restart[i]:
-            strain[i] = 0.0
-        elif stamp_ns[i] > stamp_ns[i - 1]:
-            branch_weights((stamp_ns[i] - stamp_ns[i - 1]) * NS, tau, weights)
-            for b in range(len(tau)):
-                for k in range(force.shape[1]):
-                    strain[i, b, k] = (
-                        weights[0, b] * strain[i - 1, b, k]
-                        + weights[1, b] * force[i - 1, k]
-                        + weights[2, b] * force[i, k]
-                    )
-        else:
-            strain[i] = strain[i - 1]
-
-
-def strains(force: Array, tau: Array, stamp_ns: Integers, restart: Bools) -> Array:
-    """Strains (s, b, t) of branches (b,) under forces (s, t), linear between the stamps."""
-    strain = np.empty((len(force), len(tau), force.shape[1]))
-    if len(force):
-        strain_rows(np.ascontiguousarray(force), tau, stamp_ns, restart, strain)
-    return strain
 
 
 class History(NamedTuple):
@@ -258,7 +222,7 @@ def _longest(history: History) -> float:
     edges = np.flatnonzero(np.concatenate([[True], change | history.restart[1:], [True]]))
     stamps = history.stamp_ns
     last = np.minimum(edges[1:] - 1, len(stamps) - 1)
-    return max(float((stamps[last] - stamps[edges[:-1]]).max()) * NS, 1.0)
+    return max(float((stamps[last] - stamps[edges[:-1]]).max()) * SECONDS_PER_NS, 1.0)
 
 
 def _fit_taxel(
@@ -271,8 +235,8 @@ def _fit_taxel(
     top = max(float(load.max()), 1e-12)
     basis = _law_terms(load, top)
     past = history.stamp_ns, history.restart
-    felt = strains(load[:, None], tau, *past)[rows, :, 0]
-    strained = strains(basis, tau, *past)[rows] if behind else None
+    felt = FadingMemory(tau)(load[:, None], *past)[rows, :, 0]
+    strained = FadingMemory(tau)(basis, *past)[rows] if behind else None
     for _ in range(ROUNDS):
         if strained is not None:
             terms, bent = basis[rows] + np.einsum('b,sbj->sj', share, strained), strained

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, get_args, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,9 @@ from tactile_ros.types.frame import Array, Bools, Bytes, Integers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+
+Shape = tuple[str | int, ...]
+BLANKS = {'f': np.nan, 'i': -1, 'b': False, 'u': 0}
 
 
 @dataclass(frozen=True)
@@ -37,39 +40,54 @@ class Contact:
     force_cov: Array
 
 
-_FLOAT, _INT = (np.float64, np.nan), (np.int64, -1)
-# name: (trailing shape, dtype, fill); t and k stand for taxels and contacts
-STATE_FIELDS: dict[str, tuple[tuple[str | int, ...], type, float]] = {
-    'force': ((3,), *_FLOAT),
-    'force_cov': ((3, 3), *_FLOAT),
-    'torque': ((3,), *_FLOAT),
-    'torque_cov': ((3, 3), *_FLOAT),
-    'position': ((3,), *_FLOAT),
-    'position_cov': ((3, 3), *_FLOAT),
-    'cell': ((), *_INT),
-    'cell_probability': ((), *_FLOAT),
-    'label': ((), *_INT),
-    'label_probability': ((), *_FLOAT),
-    'yaw': ((), *_FLOAT),
-    'yaw_std': ((), *_FLOAT),
-    'object_pose': ((4, 4), *_FLOAT),
-    'object_pose_cov': ((6, 6), *_FLOAT),
-    'symmetry': ((), *_INT),
-    'in_contact': ((), np.int8, -1),
-    'slip': ((), np.int8, -1),
-    'slip_probability': ((), *_FLOAT),
-    'taxel_force': (('t',), *_FLOAT),
-    'deformation': (('t',), *_FLOAT),
-    'stray_field': ((3,), *_FLOAT),
-    'valid': ((), np.bool_, False),
-    'status': ((), np.int64, 0),
-    'taxel_status': (('t',), np.uint8, 0),
-    'contacts_id': (('k',), *_INT),
-    'contacts_position': (('k', 3), *_FLOAT),
-    'contacts_normal': (('k', 3), *_FLOAT),
-    'contacts_force': (('k', 3), *_FLOAT),
-    'contacts_position_cov': (('k', 3, 3), *_FLOAT),
-    'contacts_force_cov': (('k', 3, 3), *_FLOAT),
+@dataclass(frozen=True)
+class _StateFields:
+    """Attributes that one state and many states share, with their shapes but for the s axis.
+
+    t and k stand for taxels and contacts; `status` is 0 where nothing is known.
+    """
+
+    force: Annotated[Array, (3,)]
+    force_cov: Annotated[Array, (3, 3)]
+    torque: Annotated[Array, (3,)]
+    torque_cov: Annotated[Array, (3, 3)]
+    position: Annotated[Array, (3,)]
+    position_cov: Annotated[Array, (3, 3)]
+    cell: Annotated[Integers, ()]
+    cell_probability: Annotated[Array, ()]
+    label: Annotated[Integers, ()]
+    label_probability: Annotated[Array, ()]
+    yaw: Annotated[Array, ()]
+    yaw_std: Annotated[Array, ()]
+    object_pose: Annotated[Array, (4, 4)]
+    object_pose_cov: Annotated[Array, (6, 6)]
+    symmetry: Annotated[Integers, ()]
+    in_contact: Annotated[npt.NDArray[np.int8], ()]
+    slip: Annotated[npt.NDArray[np.int8], ()]
+    slip_probability: Annotated[Array, ()]
+    taxel_force: Annotated[Array, ('t',)]
+    deformation: Annotated[Array, ('t',)]
+    stray_field: Annotated[Array, (3,)]
+    valid: Annotated[Bools, ()]
+    status: Annotated[Integers, (), 0]
+    taxel_status: Annotated[Bytes, ('t',)]
+    contacts_id: Annotated[Integers, ('k',)]
+    contacts_position: Annotated[Array, ('k', 3)]
+    contacts_normal: Annotated[Array, ('k', 3)]
+    contacts_force: Annotated[Array, ('k', 3)]
+    contacts_position_cov: Annotated[Array, ('k', 3, 3)]
+    contacts_force_cov: Annotated[Array, ('k', 3, 3)]
+
+
+def _column_of(array: object, shape: Shape, *blank: float) -> tuple[Shape, type, float]:
+    """Trailing shape, type of number, and what stands where nothing is known."""
+    kind = get_args(get_args(array)[1])[0]
+    return shape, kind, blank[0] if blank else BLANKS[np.dtype(kind).kind]
+
+
+STATE_FIELDS = {
+    name: _column_of(*get_args(hint))
+    for name, hint in get_type_hints(_StateFields, include_extras=True).items()
 }
 
 
@@ -95,42 +113,6 @@ def _blank(samples: int, taxels: int, contacts: int) -> dict[str, npt.NDArray[np
 def _blank_row(taxels: int, contacts: int) -> dict[str, npt.NDArray[np.generic]]:
     """Nothing known of one frame."""
     return {name: column[0] for name, column in _blank(1, taxels, contacts).items()}
-
-
-@dataclass(frozen=True)
-class _StateFields:
-    """The attributes that one state and many states share (public_face, without the s axis)."""
-
-    force: Array
-    force_cov: Array
-    torque: Array
-    torque_cov: Array
-    position: Array
-    position_cov: Array
-    cell: Integers
-    cell_probability: Array
-    label: Integers
-    label_probability: Array
-    yaw: Array
-    yaw_std: Array
-    object_pose: Array
-    object_pose_cov: Array
-    symmetry: Integers
-    in_contact: npt.NDArray[np.int8]
-    slip: npt.NDArray[np.int8]
-    slip_probability: Array
-    taxel_force: Array
-    deformation: Array
-    stray_field: Array
-    valid: Bools
-    status: Integers
-    taxel_status: Bytes
-    contacts_id: Integers
-    contacts_position: Array
-    contacts_normal: Array
-    contacts_force: Array
-    contacts_position_cov: Array
-    contacts_force_cov: Array
 
 
 @dataclass(frozen=True)

@@ -263,11 +263,11 @@ def test_baselines_of_a_recording_are_those_of_the_definition(
     )
     tracking = TRACKING if tracked else None
     start = np.full(SHAPE, 0.25)
-    base, _, restart, rows = stream_baselines(recording, values, start, tracking)
+    found = stream_baselines(recording, values, BaselineTracker(start, tracking))
     wanted, again, tared = plain_baselines(recording, values, start, tracking)
-    np.testing.assert_allclose(base, wanted, rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(restart, again)
-    np.testing.assert_array_equal(rows, tared)
+    np.testing.assert_allclose(found.levels, wanted, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(found.restart, again)
+    np.testing.assert_array_equal(found.tare, tared)
 
 
 def test_stretches_shorter_than_a_period_are_left_alone() -> None:
@@ -275,7 +275,7 @@ def test_stretches_shorter_than_a_period_are_left_alone() -> None:
     recording = Recording.from_arrays(
         LAYOUT, values, stamp_ns=stamp_ns, stream=np.array([0, 0, 0, 1, 1, 1])
     )
-    base = stream_baselines(recording, values, np.zeros(SHAPE), TRACKING)[0]
+    base = stream_baselines(recording, values, BaselineTracker(np.zeros(SHAPE), TRACKING)).levels
     assert base[:, 0, 0].tolist() == [0, 0, 0, 0, 0, 0.25]
 
 
@@ -527,31 +527,32 @@ def new_stream() -> Stream:
     return Stream(BaselineTracker(np.zeros((1, 1)), None), None)
 
 
-def stamps(*given: int | None) -> np.ndarray | None:
-    return None if None in given else np.array(given, np.int64)
+def restarts(stream: Stream, *stamps: int | None) -> list[bool]:
+    """Rows of the next frames before which memory is forgotten."""
+    stamp_ns = None if None in stamps else np.array(stamps, np.int64)
+    return stream.follow(np.zeros((len(stamps), 1, 1)), stamp_ns).restart.tolist()
 
 
 def test_memory_begins_at_the_first_stamped_frame_and_after_a_tare() -> None:
     stream = new_stream()
-    begun = []
-    for stamp in (None, 5, 6, None, 7):
-        begun.append(bool(stream.admit(stamps(stamp), 1)[0]))
+    begun = [restarts(stream, stamp)[0] for stamp in (None, 5, 6, None, 7)]
     assert begun == [True, True, False, True, False]
     stream.rebase(BaselineTracker(np.ones((1, 1)), None))
     # an independent frame in between does not use the restart up
-    assert [bool(stream.admit(stamps(s), 1)[0]) for s in (None, 9, 10)] == [True, True, False]
+    assert [restarts(stream, stamp)[0] for stamp in (None, 9, 10)] == [True, True, False]
     assert stream.tracker.baseline.tolist() == [[1.0]]
 
 
 def test_time_that_does_not_increase_ends_the_stream() -> None:
     stream = new_stream()
-    assert not stream.is_over(stamps(5))
-    stream.admit(stamps(3, 5), 2)
-    assert [stream.is_over(stamps(s)) for s in (None, 6, 5, 4)] == [False, False, True, True]
+    assert not stream.is_over(np.array([5]))
+    restarts(stream, 3, 5)
+    assert not stream.is_over(None)
+    assert [stream.is_over(np.array([stamp])) for stamp in (6, 5, 4)] == [False, True, True]
 
 
 def test_of_many_frames_only_the_first_begins() -> None:
     stream = new_stream()
-    assert stream.admit(stamps(3, 4, 5), 3).tolist() == [True, False, False]
-    assert stream.admit(stamps(6, 7), 2).tolist() == [False, False]
-    assert stream.admit(stamps(None), 3).all()
+    assert restarts(stream, 3, 4, 5) == [True, False, False]
+    assert restarts(stream, 6, 7) == [False, False]
+    assert restarts(stream, None, None) == [True, True]
