@@ -199,12 +199,12 @@ def _take_apart(tree: object, name: str) -> tuple[Arrays, dict[str, object]]:
 
 
 def _is_frozen(kind: type) -> bool:
-    """Whether a class is a frozen dataclass: complete when built, and never changed."""
+    """True for a frozen dataclass: complete when built, and never changed."""
     return is_dataclass(kind) and bool(kind.__dataclass_params__.frozen)  # type: ignore[attr-defined]
 
 
 def _is_code(kind: type, key: str) -> bool:
-    """Whether a class has a method or property of that name, which no file holds."""
+    """True where a class has a method or property of that name, which no file holds."""
     found = getattr(kind, key, None)
     return callable(found) or isinstance(found, (property, cached_property))
 

@@ -10,17 +10,24 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.types import Array, Frame, Integers, Layout, Recording
+from tactile_ros.types import (
+    Array,
+    Estimation,
+    Frame,
+    Integers,
+    Layout,
+    Recording,
+    Report,
+    SensorConfig,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
-
-    from tactile_ros.pipeline import Pipeline
 
     Signal = Callable[[float], Array]
     Truth = Mapping[str, npt.NDArray[np.generic]]
@@ -293,8 +300,30 @@ class Allowed:
 EVERYTHING = Allowed(1.0, 1.0)
 
 
+class FewShotPipeline(Protocol):
+    """Pipeline that may learn classes, as far as enrolment needs it."""
+
+    sensor: str
+    config: SensorConfig
+    estimation: Estimation
+
+    @property
+    def report(self) -> Report:
+        """Errors on held-out groups, and the cost of each enrolled class."""
+
+    @property
+    def label_names(self) -> tuple[str, ...]:
+        """Names of the classes that it can recognise."""
+
+    def enrol(self, recording: Recording, label: str) -> None:
+        """Learn a class from presses."""
+
+    def forget(self, label: str) -> None:
+        """Undo an enrolment by name."""
+
+
 def learn(
-    pipeline: Pipeline,
+    pipeline: FewShotPipeline,
     label: str,
     presses: Recording,
     replace: bool = False,
@@ -355,7 +384,7 @@ def refuse_name(label: str) -> None:
         raise ValueError(msg)
 
 
-def window_of(pipeline: Pipeline) -> int:
+def window_of(pipeline: FewShotPipeline) -> int:
     """Frames of a press, as the config says; ValueError if the sensor learns no classes."""
     if not pipeline.estimation.learns_classes:
         msg = f'{pipeline.sensor} learns no classes from presses'

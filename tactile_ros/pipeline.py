@@ -444,7 +444,7 @@ class Pipeline:
 
     @property
     def calibrated(self) -> bool:
-        """Whether anything can be estimated."""
+        """True once anything can be estimated."""
         return bool(self.estimation.estimators)
 
     @property

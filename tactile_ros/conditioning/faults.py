@@ -1,18 +1,10 @@
-"""What the readings and the sensor's status bits say about taxels, and about the frame."""
+"""Faults of taxels and frames, by the readings and by the sensor's status bits."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from tactile_ros.types import (
-    Array,
-    Bools,
-    Bytes,
-    FrameStatus,
-    Integers,
-    Layout,
-    TaxelStatus,
-)
+from tactile_ros.types import Array, Bools, Bytes, FrameStatus, Integers, Layout, TaxelStatus
 
 # no tare may take a frame with a bad taxel (one that the fit found dead is left out), nor one of
 # which no taxel says anything new
@@ -29,23 +21,11 @@ UNUSABLE = np.uint8(
 
 
 def taxel_faults(values: Array, status: Bytes | None, layout: Layout) -> Bytes:
-    """Status bits of the sensor, with what the readings themselves show.
+    """Status bits (s, t) of the sensor, with what the raw readings (s, t, c) themselves show.
 
-    Parameters
-    ----------
-    values : ndarray, shape (s, t, c)
-        Raw readings (unit of values).
-    status : ndarray, shape (s, t), or None
-        Bits of `TaxelStatus` from the sensor.
-    layout : Layout
-        Unit of the channels, and the magnitude at which each clips.
-
-    Returns
-    -------
-    ndarray, shape (s, t)
-        ERROR is added where a reading is not finite, SATURATED where one reached its limit, DEAD
-        where a chip of several axes reads a field of exactly 0: noise keeps a chip that lives from
-        that.
+    ERROR is added where a reading is not finite, SATURATED where one reached the limit of the
+    layout, DEAD where a chip of several axes reads a field of exactly 0: noise keeps a chip that
+    lives from that.
     """
     size = np.abs(values)
     limit = np.inf if layout.saturation is None else layout.saturation

@@ -1,4 +1,4 @@
-"""Whether loads grow or fall: turning points, told apart from noise by a dead band.
+"""Direction of loading: turning points of a load, told apart from noise by a dead band.
 
 Neighbouring rows say how fast a load moves, and at what rate it was read. That it turned is known
 only after it has moved back from its extreme, by more than its noise makes of a load that is held.

@@ -1,4 +1,4 @@
-"""What is known about contacts: one patch, one frame, many frames."""
+"""States of contact: one patch, one frame, many frames."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def _blank_row(taxels: int, contacts: int) -> dict[str, npt.NDArray[np.generic]]
 
 @dataclass(frozen=True)
 class ContactState(_StateFields):
-    """What is known about the contact in one frame; NaN / -1 where it is not estimated."""
+    """Contact in one frame; NaN / -1 where it is not estimated."""
 
     @classmethod
     def assemble(cls, taxels: int, known: Mapping[str, npt.NDArray[np.generic]]) -> ContactState:
@@ -141,7 +141,7 @@ class ContactState(_StateFields):
 
 @dataclass(frozen=True)
 class ContactStates(_StateFields):
-    """What is known about the contact in s frames: every attribute with a leading axis s."""
+    """Contact in s frames: every attribute with a leading axis s."""
 
     @classmethod
     def assemble(

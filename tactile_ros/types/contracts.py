@@ -1,4 +1,4 @@
-"""Contracts: what a device, an estimator and a hand are, and what is closed after use."""
+"""Contracts of devices, twins, estimators and hands, and records that pass between them."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Signals:
 
 
 class SensorConfig(Protocol):
-    """What every sensor's config dataclass has (public_face)."""
+    """Fields that every sensor's config dataclass has (public_face)."""
 
     @property
     def positions(self) -> Array:
@@ -287,7 +287,7 @@ class Device(AbstractContextManager['Device'], Protocol):
 
     @property
     def layout(self) -> Layout:
-        """Where the taxels are."""
+        """Places and channels of the taxels."""
 
     def read(self, timeout: float) -> Frame:
         """Wait at most `timeout` (s) for the next frame; DeviceTimeout when none came."""
@@ -310,7 +310,7 @@ class Twin(AbstractContextManager['Twin'], Protocol):
 
     @property
     def injected(self) -> Mapping[str, int]:
-        """How often each fault has happened."""
+        """Count of each fault that has happened."""
 
     def inject(self, fault: str, count: int = 1) -> None:
         """Let the next `count` frames or transfers suffer a fault; ValueError if unknown."""
@@ -345,7 +345,7 @@ class CommandTopic(Protocol):
 
     @property
     def name(self) -> str:
-        """Of the topic."""
+        """Name of the topic."""
 
     @property
     def kind(self) -> str:
@@ -356,7 +356,7 @@ class CommandTopic(Protocol):
 
 
 class Hand(Protocol):
-    """How a hand's driver is commanded, without a word of ROS."""
+    """Commands of a hand's driver, without a word of ROS."""
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -364,8 +364,8 @@ class Hand(Protocol):
 
     @property
     def limits(self) -> JointLimits:
-        """How far, fast and hard the joints may go."""
+        """Bounds of the joints' motion and effort."""
 
     @property
     def topics(self) -> tuple[CommandTopic, ...]:
-        """Where commands go, in the order in which they are published."""
+        """Topics of the commands, in the order in which they are published."""

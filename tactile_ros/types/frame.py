@@ -1,4 +1,4 @@
-"""Where taxels are, one reading of them, and flat objects that touch them."""
+"""Layouts of taxels, one reading of them, and flat objects that touch them."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class TaxelStatus(IntFlag):
 
 
 class FrameStatus(IntFlag):
-    """Why a frame's contacts are limited or must not be used, as in TactileContacts."""
+    """Reasons why a frame's contacts are limited or not to be used, as in TactileContacts."""
 
     NOT_CALIBRATED = 1
     NO_BASELINE = 2
@@ -88,7 +88,7 @@ class FrameStatus(IntFlag):
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the taxels of one sensor sit and what they measure.
+    """Places of the taxels of one sensor, and what they measure.
 
     Attributes
     ----------

@@ -274,7 +274,7 @@ def _joined(
 
 
 def are_ordered(recordings: Sequence[Recording]) -> bool:
-    """Whether neighbouring rows belong together: stamps, streams or tare rows say so."""
+    """True where neighbouring rows belong together: stamps, streams or tare rows say so."""
     columns = [column for one in recordings for column in (one.stamp_ns, one.tare, one.stream)]
     return any(column is not None for column in columns)
 
