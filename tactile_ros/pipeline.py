@@ -16,8 +16,8 @@ import numpy.typing as npt
 
 from tactile_ros import calibration
 from tactile_ros.conditioning.baseline import (
+    Baselines,
     BaselineTracker,
-    Followed,
     Rest,
     Stream,
     Tracking,
@@ -265,7 +265,7 @@ class Pipeline:
         bits: Bytes,
         chips: Array | None,
         stamp_ns: Integers | None,
-        followed: Followed,
+        followed: Baselines,
     ) -> Signals:
         """Frames less their baseline, with what the readings say about contact."""
         rest = self.rest_

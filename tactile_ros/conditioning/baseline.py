@@ -155,7 +155,7 @@ def tare_means(values: Array, run: Integers) -> Array:
 
 
 @dataclass(frozen=True)
-class Followed:
+class Baselines:
     """Baselines of frames that follow one another.
 
     Attributes
@@ -176,7 +176,7 @@ class Followed:
 
 def stream_baselines(
     recording: Recording, values: Array, start: BaselineTracker, dead: Bools | None = None
-) -> Followed:
+) -> Baselines:
     """Baseline of every row of a recording, whose tare rows give that of what follows.
 
     Parameters
@@ -204,7 +204,7 @@ def stream_baselines(
     count = np.bincount(run[run >= 0], minlength=len(means))
     variance = np.concatenate([1 / np.maximum(count, 1), [start.variance]])[serves]
     if recording.stamp_ns is None:
-        return Followed(levels, variance, np.ones(len(restarts), bool), tare)
+        return Baselines(levels, variance, np.ones(len(restarts), bool), tare)
     restart = restarts.copy()
     restart[1:] |= tare[:-1]
     if tracking is not None:
@@ -214,7 +214,7 @@ def stream_baselines(
             if stamps[-1] - stamps[0] >= tracking.period_ns:
                 tracker = BaselineTracker(levels[a], tracking, float(variance[a]))
                 levels[a:b], variance[a:b] = tracker.follow(values[a:b], stamps)
-    return Followed(levels, variance, restart, tare)
+    return Baselines(levels, variance, restart, tare)
 
 
 def training_baseline_variance(baseline: Array, variance: Array | None) -> float:
@@ -462,11 +462,11 @@ class Stream:
             return False
         return bool(stamp_ns[0] <= self._newest_ns)
 
-    def follow(self, values: Array, stamp_ns: Integers | None) -> Followed:
+    def follow(self, values: Array, stamp_ns: Integers | None) -> Baselines:
         """Baselines of the next frames (s, t, c); without stamps memory passes over them."""
         levels, variance = self.tracker.follow(values, stamp_ns)
         restart = np.full(len(values), stamp_ns is None)
         if stamp_ns is not None and len(values):
             restart[0], self._fresh = self._fresh, False
             self._newest_ns = int(stamp_ns[-1])
-        return Followed(levels, variance, restart)
+        return Baselines(levels, variance, restart)
