@@ -15,19 +15,12 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.types import (
-    Array,
-    Estimation,
-    Frame,
-    Integers,
-    Layout,
-    Recording,
-    Report,
-    SensorConfig,
-)
+from tactile_ros.types import Array, Frame, Integers, Layout, Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
+
+    from tactile_ros.types import Estimation, Report, SensorConfig
 
     Signal = Callable[[float], Array]
     Truth = Mapping[str, npt.NDArray[np.generic]]
@@ -65,18 +58,11 @@ class Touches:
 
 @dataclass(frozen=True)
 class Programme:
-    """Presses one after the other, with a rest before each.
+    """Presses one after the other, with a rest before each."""
 
-    Attributes
-    ----------
-    positions, forces : ndarray, shape (n, 3)
-        Of the presses (m), and their largest forces (N).
-    rise_s, hold_s, fall_s, pause_s : float
-        Durations (s) of the load's rise, hold and fall, and of the rest that follows.
-    """
-
-    positions: Array
-    forces: Array
+    positions: Array  # (n, 3) of the presses (m)
+    forces: Array  # (n, 3) at their largest (N)
+    # durations of the load's rise, hold and fall, and of the rest that follows (s)
     rise_s: float = 0.3
     hold_s: float = 0.4
     fall_s: float = 0.15
@@ -128,19 +114,9 @@ def recorded(
 ) -> Recording:
     """Readings and truth of a whole programme as one stream, tared in its first half second.
 
-    Parameters
-    ----------
-    layout, programme : Layout, Programme
-        Of the sensor, whose rate is that of the frames; what touches.
-    reading, truth : callable
-        Model of the sensor: touches -> readings (s, t, c) without noise; touches -> columns of
-        truth beside `in_contact`, `repetition` and `session`.
-    noise : float or ndarray, shape (c,)
-        Standard deviation of a reading (unit of values).
-    seed : int
-        Of the noise; also the number of the session.
-    limits : tuple of float
-        Readings are clipped to them.
+    `reading` makes readings (s, t, c) without noise of touches, and `truth` columns of truth
+    beside `in_contact`, `repetition` and `session`, which is the seed of the noise (standard
+    deviation, unit of values). Readings are clipped to the `limits`.
     """
     count = round(programme.duration_s * layout.rate_hz)
     times = np.arange(count) / layout.rate_hz
@@ -283,18 +259,10 @@ class ClassChange:
 
 @dataclass(frozen=True)
 class Allowed:
-    """Most that a new class may cost.
+    """Most that a new class may cost: shares of the presses of known classes."""
 
-    Attributes
-    ----------
-    lost : float
-        Share of the presses of known classes that it takes.
-    lost_there : float
-        95 % bound of the share of other classes that it takes whole where it was pressed.
-    """
-
-    lost: float = 0.05
-    lost_there: float = 0.35
+    lost: float = 0.05  # that it takes
+    lost_there: float = 0.35  # 95 % bound of those that it takes whole where it was pressed
 
 
 EVERYTHING = Allowed(1.0, 1.0)

@@ -78,6 +78,16 @@ class _StateFields:
     contacts_position_cov: Annotated[Array, ('k', 3, 3)]
     contacts_force_cov: Annotated[Array, ('k', 3, 3)]
 
+    def as_dict(self) -> dict[str, object]:
+        """Every attribute by its name, as plain numbers and lists of them."""
+        return {name: np.asarray(column).tolist() for name, column in vars(self).items()}
+
+    def _estimated(self) -> str:
+        """Names of what is estimated anywhere."""
+        blank = {name: column[2] for name, column in STATE_FIELDS.items()}
+        floats = (name for name in blank if np.isnan(blank[name]) and 'contacts' not in name)
+        return ', '.join(n for n in floats if np.isfinite(vars(self)[n]).any()) or 'nothing'
+
 
 def _column_of(array: object, shape: Shape, *blank: float) -> tuple[Shape, type, float]:
     """Trailing shape, type of number, and what stands where nothing is known."""
@@ -129,6 +139,11 @@ class ContactState(_StateFields):
         vars(state).update({name: column[0] for name, column in known.items()})
         return state
 
+    def __repr__(self) -> str:
+        """Contact, force and what else is estimated, in a line."""
+        touch = {1: 'in contact', 0: 'untouched'}.get(int(self.in_contact), 'contact unknown')
+        return f'ContactState({touch}; force {self.force} N; estimated: {self._estimated()})'
+
     @property
     def contacts(self) -> list[Contact]:
         """Every patch of the frame, strongest first."""
@@ -162,6 +177,12 @@ class ContactStates(_StateFields):
                     f'{np.dtype(dtype)}; received {found.shape}, {found.dtype}'
                 )
                 raise ValueError(msg)
+
+    def __repr__(self) -> str:
+        """Count of frames and what is estimated, in a line."""
+        touched = int((self.in_contact == 1).sum())
+        counts = f'{len(self)} frames, {touched} in contact, {int(self.valid.sum())} valid'
+        return f'ContactStates({counts}; estimated: {self._estimated()})'
 
     def __len__(self) -> int:
         """Count of frames s."""

@@ -209,23 +209,19 @@ class JointLimits:
         for entry in fields(self):
             column = as_shape(f'{entry.name} of JointLimits', getattr(self, entry.name), (count,))
             object.__setattr__(self, entry.name, column)
-        if not (np.isfinite(self.lower) & np.isfinite(self.upper)).all():
-            both = f'{self.lower}, {self.upper}'
-            msg = f'lower and upper of JointLimits must be finite; received {both}'
-            raise ValueError(msg)
-        if not (self.lower < self.upper).all():
-            worst = int(np.flatnonzero(~(self.lower < self.upper))[0])
-            msg = (
-                f'lower of JointLimits must be below upper; received {self.lower[worst]} and '
-                f'{self.upper[worst]} for joint {worst}'
-            )
-            raise ValueError(msg)
-        if not (np.isfinite(self.velocity) & (self.velocity > 0)).all():
-            msg = f'velocity of JointLimits must be above 0 and finite; received {self.velocity}'
-            raise ValueError(msg)
-        if not (self.effort > 0).all():
-            msg = f'effort of JointLimits must be above 0; received {self.effort}'
-            raise ValueError(msg)
+        low, high, speed, effort = self.lower, self.upper, self.velocity, self.effort
+        for good, name, wanted, found in (
+            (np.isfinite(low) & np.isfinite(high), 'lower and upper', 'finite', f'{low}, {high}'),
+            (low < high, 'lower', 'below upper', ', '.join(
+                f'{a} and {b} for joint {i}'
+                for i, (a, b) in enumerate(zip(low, high, strict=True)) if not a < b
+            )),
+            (np.isfinite(speed) & (speed > 0), 'velocity', 'above 0 and finite', f'{speed}'),
+            (effort > 0, 'effort', 'above 0', f'{effort}'),
+        ):  # fmt: skip
+            if not good.all():
+                msg = f'{name} of JointLimits must be {wanted}; received {found}'
+                raise ValueError(msg)
 
 
 Cell = str | float | int | None
@@ -233,24 +229,12 @@ Cell = str | float | int | None
 
 @dataclass(frozen=True)
 class Table:
-    """Figures to print or to write as json.
-
-    Attributes
-    ----------
-    title : str
-        What the figures are.
-    columns : tuple of str
-        Names with units, such as 'gap (mm)'.
-    rows : tuple of tuple
-        One cell for each column: text, a number, or None or NaN where nothing is known.
-    notes : tuple of str
-        Sentences that stand below.
-    """
+    """Figures to print or to write as json."""
 
     title: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
-    notes: tuple[str, ...] = ()
+    columns: tuple[str, ...]  # names with units, such as 'gap (mm)'
+    rows: tuple[tuple[Cell, ...], ...]  # None or NaN where nothing is known
+    notes: tuple[str, ...] = ()  # sentences that stand below
 
     def __post_init__(self) -> None:
         """Check the rows."""

@@ -133,6 +133,12 @@ class Layout:
         limits = np.broadcast_to(np.asarray(limit, np.float64), (len(self.channels),))
         object.__setattr__(self, 'saturation', np.array(limits))
 
+    def __repr__(self) -> str:
+        """Sensor, taxels and channels in a line."""
+        channels = ', '.join(self.channels)
+        size = f'{len(self.positions)} x {channels} ({self.unit})'
+        return f'Layout({self.sensor or "sensor"}: {size})'
+
     @property
     def shape(self) -> tuple[int, int]:
         """Taxels and channels of one frame (t, c)."""

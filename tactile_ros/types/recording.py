@@ -124,6 +124,13 @@ class Recording:
     tare: Bools | None = None
     truth: Columns = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        """Sensor, size, columns and truth in a line."""
+        names = [f.name for f in fields(self) if f.name not in ('layout', 'values', 'truth')]
+        columns = ', '.join(name for name in names if vars(self)[name] is not None)
+        truth = ', '.join(self.truth) or 'none'
+        return f'Recording({len(self)} frames of {self.layout}; {columns}; truth: {truth})'
+
     @classmethod
     def from_arrays(
         cls,

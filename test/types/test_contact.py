@@ -72,3 +72,15 @@ def test_no_states_are_states_too() -> None:
     states = ContactStates.assemble(0, TAXELS, {})
     assert len(states) == 0
     assert list(states) == []
+
+
+def test_states_are_plain_numbers_by_name_and_short_in_print() -> None:
+    states = ContactStates.assemble(
+        2, 2, {'force': np.array([[0.0, 0.0, 1.5], [0.0, 0.0, 0.0]]), 'in_contact': np.array([1, 0])}
+    )
+    plain = states[0].as_dict()
+    assert list(plain) == list(STATE_FIELDS)
+    assert plain['force'] == [0.0, 0.0, 1.5]
+    assert plain['label'] == -1
+    assert repr(states) == 'ContactStates(2 frames, 1 in contact, 0 valid; estimated: force)'
+    assert repr(states[0]).startswith('ContactState(in contact; force [')

@@ -354,3 +354,10 @@ def test_a_row_is_a_frame() -> None:
     assert plain.stamp_ns is None
     assert plain.sequence == 1
     assert plain.status is None
+
+
+def test_a_recording_is_a_line_in_print() -> None:
+    assert repr(full_recording(500)) == (
+        'Recording(500 frames of Layout(sensor: 2 x Bx, By, Bz (T)); stamp_ns, sequence, '
+        'temperature_c, status, stream, tare; truth: force, in_contact)'
+    )
