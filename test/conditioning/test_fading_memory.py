@@ -67,28 +67,12 @@ def test_batch_is_the_plain_loop(count: int) -> None:
     )
 
 
-def test_live_is_batch() -> None:
-    rows = stream(400, 5, seed=1)
-    np.testing.assert_allclose(
-        live(FadingMemory(TAUS), *rows), FadingMemory(TAUS)(*rows), rtol=0, atol=1e-12
-    )
-
-
 def test_few_frames_at_once_are_live_to_the_last_bit() -> None:
     rows = stream(200, 5, seed=1)
     history = FadingMemory(TAUS)
     edges = [0, 1, 3, 10, 74, 138, 200]
     pieces = [history(*(column[a:b] for column in rows)) for a, b in pairwise(edges)]
     np.testing.assert_array_equal(np.concatenate(pieces), live(FadingMemory(TAUS), *rows))
-
-
-def test_pieces_of_a_stream_give_the_whole() -> None:
-    change, stamp_ns, restart = stream(300, 4, seed=2)
-    whole = FadingMemory(TAUS)(change, stamp_ns, restart)
-    history = FadingMemory(TAUS)
-    edges = [0, 1, 7, 7, 100, 101, 290, 300]
-    pieces = [history(change[a:b], stamp_ns[a:b], restart[a:b]) for a, b in pairwise(edges)]
-    np.testing.assert_allclose(np.concatenate(pieces), whole, rtol=0, atol=1e-12)
 
 
 def test_frames_that_are_not_newer_and_values_that_are_missing() -> None:

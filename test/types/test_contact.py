@@ -75,9 +75,8 @@ def test_no_states_are_states_too() -> None:
 
 
 def test_states_are_plain_numbers_by_name_and_short_in_print() -> None:
-    states = ContactStates.assemble(
-        2, 2, {'force': np.array([[0.0, 0.0, 1.5], [0.0, 0.0, 0.0]]), 'in_contact': np.array([1, 0])}
-    )
+    force, touched = np.array([[0.0, 0.0, 1.5], [0.0, 0.0, 0.0]]), np.array([1, 0])
+    states = ContactStates.assemble(2, 2, {'force': force, 'in_contact': touched})
     plain = states[0].as_dict()
     assert list(plain) == list(STATE_FIELDS)
     assert plain['force'] == [0.0, 0.0, 1.5]
