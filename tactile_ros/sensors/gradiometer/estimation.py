@@ -57,6 +57,7 @@ ROUNDS = 8  # of the evidence
 CLEARLY = 10.0  # cost by which a lag must explain more than none
 RESTS = 5e-5  # mm, within which a resting disc rests
 CHANCE = 1e-4  # of flagging a frame that is beside no magnet
+SURELY, TOUCH = 5.7, 1e-3  # sigmas, and share of full scale, of a load that is one
 NEAR_ROWS, NEAR_DISTANCE, NEAR_MOMENT = 300, (10e-3, 20e-3), (-3.0, -1.0)  # m, decades of A m2
 TWO_SIGMA = 0.9545
 FARTHEST = 2.0  # times the largest that can be
@@ -237,10 +238,8 @@ class GradiometerEstimation(Estimation):
         return invert(self.model, self.fit_, frames, starts, with_states=False)
 
     def contact_from_sensor(self, signals: Signals) -> npt.NDArray[np.int8]:
-        """Contact (s,); frames without times touch where the disc is away from its rest.
-
-        In streams rest is where a baseline drifts, and elastomers creep after a press.
-        """
+        """Contact (s,); frames without times touch where the disc surely tells a load."""
+        # streams are left as they are: there baselines drift, and elastomers creep after a press
         contact = signals.in_contact.copy()
         rows = contact == 0
         if signals.tare is not None:
@@ -248,10 +247,11 @@ class GradiometerEstimation(Estimation):
         if signals.stamp_ns is not None or not self.answers_ or not np.count_nonzero(rows):
             return contact
         frames = rows_of(self._frames(signals, self.start()), np.flatnonzero(rows))
-        found = invert(self.model, self.fit_, frames, frames.prior[:, None])
-        place, spread = found.states[:, : disc.TILT], found.covariance[:, : disc.TILT, : disc.TILT]
-        size = (place * np.linalg.solve(spread, place[..., None])[..., 0]).sum(axis=1)
-        contact[rows] = size > chi2.ppf(1 - CHANCE**2, disc.TILT)
+        found = invert(self.model, self.fit_, frames, frames.prior[:, None], with_states=False)
+        sigma = np.sqrt(np.einsum('sii->si', found.answer_covariance))
+        loads = np.array([name != 'position' for name, _ in self.answers_])
+        felt = np.abs(found.answers) > np.maximum(SURELY * sigma, TOUCH * self.largest_)
+        contact[rows] = felt[:, loads].any(axis=1)
         return contact
 
     # -- fit ---------------------------------------------------------------------------------
