@@ -462,9 +462,13 @@ def test_touches_lighter_than_the_threshold_are_in_the_covariance() -> None:
 
 def test_light_touches_are_told_from_rest_at_any_temperature() -> None:
     scene, shift = made.Scene(span=50.0), np.zeros((260, 3))
-    pipeline = SENSOR.pipeline(world().config).fit(world().record(300, 4, scene))
+    lesson, pressed = world().record(300, 4, scene), np.arange(260) >= world().rest
+    pipeline = SENSOR.pipeline(world().config).fit(lesson)
     for depth, contact in ((0.0, 0), (3e-5, 1)):
-        shift[world().rest :, 2] = -depth
-        light = world().recorded(shift, 3, scene).select(np.arange(260) >= world().rest)
-        states = pipeline.process_batch(dataclasses.replace(light, tare=np.zeros(200, bool)))
-        assert (states.in_contact == contact).mean() > 0.99
+        shift[pressed, 2] = -depth
+        light = world().recorded(shift, 3, scene).select(pressed)
+        signals = dataclasses.replace(
+            signals_of(light.values, light.temperature_c, None), baseline=pipeline.baseline[None],
+            rest_temperature_c=lesson.temperature_c[lesson.tare].mean(axis=0)[None],
+        )  # fmt: skip
+        assert (pipeline.estimation.contact_from_sensor(signals) == contact).all()
