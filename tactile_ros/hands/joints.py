@@ -193,18 +193,28 @@ class HandJoints:
         if self.guard.last is not None and self._sent:
             due = [sent for at_s, sent in self._sent if at_s <= now_s - dead_time]
             return (due[-1] if due else self._sent[0][1]) - measured
+        return self._torqued(effort, len(measured))
+
+    def _torqued(self, effort: Array | None, count: int) -> Array:
+        """Angles (j,) that efforts stand for; NaN where none are told."""
+        lead = np.full(count, nan)
         if effort is None or not effort.any() or not self._scale:
-            return np.full(len(measured), nan)
-        lead = np.full(len(measured), nan)
+            return lead
         for finger, place in zip(self.fingers, self._places, strict=True):
             if finger.kp.all():
                 lead[place] = self._scale * effort[place] / finger.kp
         return lead
 
-    def pressed(self, lead: Array) -> Array:
-        """Force (a,) of each pad along its normal that drives tell (N); NaN: not known."""
-        pairs = zip(self.fingers, self._places, strict=True)
-        return np.array([finger.force_of(lead[place]) for finger, place in pairs])
+    def pressed(self, lead: Array, effort: Array | None = None) -> Array:
+        """Force (a,) of each pad along its normal that drives tell (N); NaN: not known.
+
+        The smaller of what leads and efforts tell: a command that has not come yet is no torque.
+        """
+        told = self._torqued(effort, len(lead))
+        pairs = list(zip(self.fingers, self._places, strict=True))
+        by_lead = np.array([finger.force_of(lead[place]) for finger, place in pairs])
+        by_effort = np.array([finger.force_of(told[place]) for finger, place in pairs])
+        return np.where(np.isnan(by_effort), by_lead, np.minimum(by_lead, by_effort))
 
     def take_effort(self, lead: Array, effort: Array | None) -> None:
         """Learn from efforts (j,) at leads (j,) where a drive gives no more torque.

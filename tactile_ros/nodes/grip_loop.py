@@ -327,7 +327,9 @@ class GripLoop:
             blocked=blocked,
             sigma=np.array(self._sigma),
             framed=np.array(self._framed),
-            pressed=self._joints.pressed(lead if moved else np.full(len(lead), nan)),
+            pressed=self._joints.pressed(
+                lead if moved else np.full(len(lead), nan), self._effort
+            ),
         )
 
     def _hindered(self, now_s: float, elapsed: float) -> str:
