@@ -298,18 +298,6 @@ def test_the_gaps_threshold_force_is_reported() -> None:
     assert told['lightest_felt'] > 0.3
 
 
-@pytest.mark.parametrize('reading', [5.0, -1e6])
-def test_what_no_wire_can_read_is_no_place_and_no_force(reading: float) -> None:
-    pipeline, test, _ = fitted(7, 8)
-    touched = np.flatnonzero(test.truth['in_contact'] == 1)[:3]
-    values = test.values.copy()
-    values[touched[1], 0, 2] = reading
-    states = pipeline.process_batch(Recording.from_arrays(LAYOUT, values, tare=test.tare))
-    for name in ('position', 'force', 'force_cov'):
-        told = np.isfinite(getattr(states, name)[touched].reshape(3, -1)).any(axis=1)
-        assert told.tolist() == [True, False, True]
-
-
 THREE = SENSOR.config(third_excitation=True)
 
 

@@ -12,7 +12,7 @@ from tactile_ros.physics.coverage import symmetry
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.taxel_array.config import grid_positions
-from tactile_ros.types import Frame, Outline, Recording, TaxelStatus
+from tactile_ros.types import Outline, Recording, TaxelStatus
 
 SPEC = load_sensor('taxel_array')
 RADII = ((16e-3, 8e-3), (14e-3, 6.5e-3), (12e-3, 5e-3), (18e-3, 9e-3), (10e-3, 4e-3))
@@ -113,16 +113,6 @@ def test_a_strange_object_is_none_of_these() -> None:
     states = fitted().process_batch(Recording.from_arrays(SPEC.layout(CONFIG), read(bar[None], 7)))
     assert states.label.tolist() == [-1]
     assert np.isnan(states.label_probability).all()
-
-
-def test_live_is_batch() -> None:
-    force = placed(3, 8)[2]
-    values = read(force, 9)
-    states = fitted().process_batch(Recording.from_arrays(SPEC.layout(CONFIG), values))
-    for i in range(3):
-        one = fitted().process(Frame(None, i, values[i]))
-        np.testing.assert_allclose(one.object_pose, states.object_pose[i], atol=1e-9)
-        assert one.label == states.label[i]
 
 
 def test_a_part_without_symmetry_does_not_flip() -> None:
