@@ -23,6 +23,7 @@ SLACK = 0.05  # of a joint's range: encoders are offset, and a hand sags against
 EASE_S = 0.5  # time constant in which a finger that began beside its path joins it
 STIFFEST = 1.3  # of a drive's own stiffness: its gain and levers are not exact
 LEADING = 0.03  # rad, lead of a command that tells a gain
+LEARNING = 0.1  # share of a larger gain that one sample teaches: none is believed alone
 STEADY = 0.1  # of a lead, by which its command may have moved
 FULL_RATIO = 0.8  # of that gain below which a drive gives all its torque
 SOFTEST = 0.1  # stiffness of a soft object and its drive, of the drive's own
@@ -171,6 +172,7 @@ class HandJoints:
         self._sent: deque[tuple[float, Array]] = deque(maxlen=16)
         self._gain = np.zeros(len(driver.joints))  # largest torque per lead that efforts told
         self._full = np.zeros(len(driver.joints), bool)
+        self._last_lead = np.full(len(driver.joints), nan)
 
     def plants(self, config: GripConfig) -> list[Drive]:
         """Drives (a,) as the law has to know them."""
@@ -224,9 +226,11 @@ class HandJoints:
         if effort is None or not self._scale or not self._sent:
             return
         moved = np.ptp([sent for _, sent in self._sent], axis=0)
+        moved = np.maximum(moved, np.abs(lead - self._last_lead))  # damping is no gain
+        self._last_lead = lead
         told = np.abs(lead) > np.maximum(LEADING, moved / STEADY)
         ratio = np.where(told, np.abs(effort) / np.where(told, np.abs(lead), 1.0), np.nan)
-        self._gain = np.fmax(self._gain, ratio)
+        self._gain += LEARNING * np.fmax(ratio - self._gain, 0.0)
         self._full = np.where(told, ratio < FULL_RATIO * self._gain, self._full)
 
     def stop(self) -> None:
