@@ -71,7 +71,8 @@ def _reach_rows(module: ModuleType, seeds: list[int]) -> list[Row]:
                 begins = one.time
                 ended = one.grasp(force, adapt=False)
                 good = ended.outcome == GraspOutcome.HELD
-                said.append(float(good or 'presses' in ended.message or 'N' in ended.message))
+                named = any(word in ended.message for word in ('press', 'touches nothing'))
+                said.append(float(good or named))
                 if good:
                     touched = [at for at, forces in one.trace if max(forces.values()) > TOUCHED]
                     touch.append(touched[0] - begins)
