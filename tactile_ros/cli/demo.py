@@ -20,7 +20,7 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
@@ -146,8 +146,12 @@ def results(output: Path, *, overwrite: bool) -> Iterator[Path]:
     if foreign and not overwrite:
         msg = f'{output} holds files and no demo made it; name another --output, or --overwrite'
         raise TactileError(msg)
+    fresh = not output.exists()
     output.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=output, prefix='.new_') as folder:
+    with ExitStack() as held:
+        if fresh:
+            held.callback(_remove_empty, output)
+        folder = held.enter_context(tempfile.TemporaryDirectory(dir=output, prefix='.new_'))
         UNFINISHED.add(folder)
         yield Path(folder)
         UNFINISHED.discard(folder)
@@ -158,6 +162,12 @@ def results(output: Path, *, overwrite: bool) -> Iterator[Path]:
                 if (output / made.name).exists():
                     (output / made.name).rename(earlier)
                 made.rename(output / made.name)
+
+
+def _remove_empty(folder: Path) -> None:
+    """Remove a folder into which nothing came."""
+    if not any(folder.iterdir()):
+        folder.rmdir()
 
 
 def run_recordings(output: Path, seed: int, say: Say, *, as_json: bool) -> list[str]:
