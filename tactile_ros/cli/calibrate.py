@@ -49,7 +49,7 @@ UNTARED = (
 
 
 def sentences(report: Report) -> list[str]:
-    """What a report says of models and terms, and what it lacks, a sentence for each."""
+    """Sentences of a report on models, terms and what could not be estimated."""
     said = []
     for name, found in report.items():
         if name.startswith('model: '):
@@ -121,14 +121,14 @@ def run(options: argparse.Namespace) -> int:
 
 
 def left_out(pipeline: Pipeline) -> str:
-    """What the fit could not use, in a sentence; empty if it used all."""
+    """Sentence on rows that the fit could not use; empty if it used all."""
     counts = pipeline.report.get('left_out', {})
     said = '; '.join(f'{count:.0f} {what}' for what, count in counts.items())
     return said and f'left out: {said}'
 
 
 def slip_sentence(pipeline: Pipeline) -> list[str]:
-    """How slip is told on held-out sequences; empty where it is not learned."""
+    """Accuracy of slip on held-out sequences; empty where it is not learned."""
     found = pipeline.report.get('slip')
     if found is None:
         return []

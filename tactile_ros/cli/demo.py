@@ -430,7 +430,7 @@ def teach(lesson: TwinLesson, number: int, namespace: str, say: Say) -> None:
 
 
 def outcome(loaded: LoadedRecording, number: int) -> list[str]:
-    """How windows of known classes and of the new one were named live, as sentences."""
+    """Sentences on how windows of known classes and of the new one were named live."""
     live, stamps = loaded.contacts, loaded.recording.stamp_ns
     if live is None or stamps is None or not loaded.changes:
         return []

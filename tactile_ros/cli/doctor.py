@@ -91,7 +91,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Trial:
-    """What was read."""
+    """Frames and counters of a few seconds of reading."""
 
     layout: Layout
     frames: list[Frame]
@@ -210,7 +210,7 @@ def port_rule(name: str, root: Path) -> str:
 
 
 def latency(name: str, timer: Path) -> Finding:
-    """How long the USB converter of a port keeps bytes back."""
+    """Latency timer of the USB converter of a port."""
     text = timer.read_text().strip()
     milliseconds = int(text) if text.isdigit() else 0
     what = f'its converter keeps bytes back for up to {milliseconds} ms'
@@ -234,7 +234,7 @@ def buses(names: Sequence[str]) -> list[Finding]:
 
 
 def probe(bus: I2cBus) -> Finding:
-    """Who answers on a bus: NOP to the addresses of the chips, one byte read from switches.
+    """Probe a bus: NOP to the addresses of the chips, one byte read from switches.
 
     Neither changes anything in a chip or switch of these kinds.
     """
@@ -335,7 +335,7 @@ def watch(
 
 
 def findings(trial: Trial) -> list[Finding]:
-    """What a trial says and what to do."""
+    """Findings of a trial with remedies."""
     troubles = [
         Finding(name.replace('_', ' '), WARN, str(trial.counters[name]), remedy)
         for name, remedy in TROUBLES.items()

@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def how_to_connect(spec: SensorSpec) -> str:
-    """Where a sensor is looked for unless it is told otherwise, and the page that says more."""
+    """Default place of a sensor, and the page that says more."""
     connection = spec.connection()
     buses = getattr(connection, 'buses', ())
     ways = [f'buses {", ".join(buses)}'] if buses else []

@@ -156,14 +156,14 @@ class SlipMargin:
             self._held, self._faith = 0.0, 1.0
 
     def _vibrates(self, tangential: float, sigma: float, share: float) -> bool:
-        """Whether second differences exceed those of noise."""
+        """Second differences exceed those of noise."""
         bend = tangential - 2 * self._newest + self._older
         self._older, self._newest = self._newest, tangential
         self._square += share * ((bend * bend if isfinite(bend) else 0.0) - self._square)
         return self._square > 6.0 * (VIBRATION * sigma) ** 2
 
     def _falls(self, normal: float, tangential: float, sigma: float, share: float) -> bool:
-        """Whether the tangential force fell below its last peak though the normal force did not.
+        """The tangential force fell below its last peak though the normal force did not.
 
         A load that grows hides a fall from any mean: the peak rises at once and fades slowly.
         """

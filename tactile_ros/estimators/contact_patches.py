@@ -301,7 +301,7 @@ class PatchFinder:
         return found
 
     def _is_rim(self, taxel: int) -> bool:
-        """Whether a taxel has no neighbour on one side."""
+        """Taxels without a neighbour on one side."""
         away = self.positions[self._near[taxel], :2] - self.positions[taxel, :2]
         angle = np.sort(np.arctan2(away[:, 1], away[:, 0]))
         return len(angle) == 0 or np.diff(angle, append=angle[0] + 2 * np.pi).max() > OPEN

@@ -100,7 +100,7 @@ def _length(residuals: Array) -> float:
 
 
 def _unseen(candidate: Estimator, rows: TrainingRows, held: Integers) -> Array:
-    """What a copy of the candidate says about held rows after a fit on the others."""
+    """Predictions of a copy of the candidate for held rows after a fit on the others."""
     seen = np.ones(len(rows.x), bool)
     # so does a single row: then the held row itself is used
     seen[held] = len(held) == len(seen)

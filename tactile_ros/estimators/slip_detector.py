@@ -128,7 +128,7 @@ class SlipDetector:
         return float(np.where(fits, inside, 0.0).max())
 
     def _score(self, inside: Array, outside: Array) -> Array:
-        """How far a change is beyond both thresholds, shape (s,); 1 at the nearer one."""
+        """Distance of a change beyond both thresholds, shape (s,); 1 at the nearer one."""
         least = np.maximum(self.level_, self.tilt_ * outside)
         return np.where(self._known(inside, outside), inside / least, 0.0)
 

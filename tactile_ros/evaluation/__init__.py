@@ -1,1 +1,1 @@
-"""What a recording is worth: bags and files in, replay, errors against truth, a report out."""
+"""Evaluation of recordings: bags and files in, replay, errors against truth, a report out."""

@@ -81,7 +81,7 @@ class Coverage:
 
     @property
     def honest(self) -> bool:
-        """Whether the share is accepted."""
+        """The share is accepted."""
         return self.low <= self.share <= self.high
 
 

@@ -475,7 +475,7 @@ def _undamaged(loaded: LoadedRecording) -> Bools:
 
 
 def _is_under_load(recording: Recording, rows: Integers) -> bool:
-    """Whether truth knows that something touched: it says so, or the force is clearly not 0."""
+    """Rows that truth knows as touched: it says so, or the force is clearly not 0."""
     touched = recording.truth.get('in_contact')
     if touched is not None and (touched[rows] == 1).any():
         return True

@@ -28,7 +28,7 @@ TELLS = 0.1  # of the fastest joint's motion, below which a joint tells no closu
 
 @dataclass(frozen=True)
 class Finger:
-    """What a hand's file says about one finger.
+    """One finger as a hand's file describes it.
 
     Its closure goes from 0, the open posture, straight to the pre-grasp posture and from there
     along the synergy `closing` to 1, at even speed in joint space. A hand whose joints are

@@ -102,13 +102,13 @@ class HandDriver:
 
     @property
     def limits(self) -> JointLimits:
-        """How far, fast and hard the joints may go."""
+        """Limits of position, speed and torque of the joints."""
         effort = np.full(len(self.joints), np.inf) if self.effort is None else self.effort
         return JointLimits(self.lower, self.upper, self.velocity, effort)
 
     @property
     def topics(self) -> tuple[Topic, ...]:
-        """Where commands go, in the order in which they are published."""
+        """Topics of commands, in the order in which they are published."""
         raise NotImplementedError
 
     @property

@@ -178,7 +178,7 @@ class RobotDescription:
         self._above = {joint.child: joint for joint in self.joints.values()}
 
     def has_link(self, name: str) -> bool:
-        """Whether a link hangs below a joint of the description."""
+        """A link hangs below a joint of the description."""
         return name in self._above
 
     def limits(self, names: tuple[str, ...], otherwise: JointLimits) -> JointLimits:

@@ -160,7 +160,7 @@ class HandLink:
 
     @property
     def blocked(self) -> str:
-        """Why nothing may be sent yet; empty: nothing is in the way."""
+        """Reason for sending nothing yet; empty: there is none."""
         return self._why_no_description or (self._why_no_order if self._order is None else '')
 
     def send(self, command: GripCommand) -> None:
@@ -530,7 +530,7 @@ class GripNode(ManagedNode):
         return response
 
     def _why_not(self, goal: Grasp.Goal) -> str:
-        """Why a grasp cannot be; empty: it can."""
+        """Reason against a grasp; empty: there is none."""
         if self._ticking is None or not self._enabled:
             return 'grip_node is not active' if self._ticking is None else 'the grip is disabled'
         try:

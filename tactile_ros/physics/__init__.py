@@ -1,1 +1,1 @@
-"""What the world does: fields of magnets. Functions of arrays alone."""
+"""Physics of fields, elastomers and resistive sheets as functions of arrays."""

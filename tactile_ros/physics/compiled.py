@@ -28,7 +28,7 @@ DIGESTS: dict[int, str] = {}  # of the sources of compiled functions, by identit
 
 
 def available() -> bool:
-    """Whether loops are compiled."""
+    """Loops are compiled."""
     return AVAILABLE
 
 

@@ -390,7 +390,7 @@ class Vote:
 
     @property
     def useful(self) -> bool:
-        """Whether it is right by half as much again as the commonest class, or nearly always."""
+        """It is right by half as much again as the commonest class, or nearly always."""
         accuracy, chance = self.report_['held_out_accuracy'], self.report_['chance']
         return accuracy > min(BETTER * chance, 0.5 + chance / 2)
 
@@ -615,7 +615,7 @@ Recognition = Regression
 
 
 def _moves(values: Array) -> bool:
-    """Whether readings (s, t, c) are more than one constant, from which nothing is learned."""
+    """Readings (s, t, c) are more than one constant, from which nothing is learned."""
     read = np.nan_to_num(values)
     return bool((np.ptp(read, axis=0) > ROUNDING * np.abs(read).max(initial=0.0)).any())
 
@@ -656,7 +656,7 @@ def missing_loads(force: Array) -> Report:
 
 
 def missing_history(signals: Signals, crept: float) -> Report:
-    """What is open of a skin's past, of which a held load leaves a share `crept`; 0: none known.
+    """Unknown part of a skin's past, of which a held load leaves a share `crept`; 0: none.
 
     Without tare rows before the first touch of a stream, its rest is that of frames between
     touches, in which a skin that creeps has not forgotten: what it crept is then taken for rest,
@@ -674,7 +674,7 @@ def missing_history(signals: Signals, crept: float) -> Report:
 
 
 def _rests_first(signals: Signals) -> bool:
-    """Whether every stream with a touch is tared before the first of them."""
+    """Every stream with a touch is tared before the first of them."""
     if signals.tare is None or not signals.tare.any():
         return False
     begins = np.arange(len(signals.tare)) == 0

@@ -64,7 +64,7 @@ def prefer_no_screen() -> None:
 
 
 def why_not() -> str:
-    """Why nothing can be drawn here, in a sentence; empty: it can."""
+    """Sentence why nothing can be drawn here; empty: it can."""
     engine = load_engine()
     try:
         _pillow()

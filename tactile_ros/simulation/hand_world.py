@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class Decided(Protocol):
-    """What one step of a `Stage` came to."""
+    """Result of one step of a `Stage`."""
 
     made: GripStep
     command: GripCommand | None

@@ -106,7 +106,7 @@ class Held:
 
     @property
     def fate(self) -> str:
-        """What came of the balloon."""
+        """Fate of the balloon."""
         for i, force in enumerate(self.force):
             if force < RELEASED * FORCE:
                 return f'released at {1e3 * self.distance[i]:.0f} mm'
@@ -143,7 +143,7 @@ class BalloonScene:
 
     @property
     def distance(self) -> float:
-        """Of the magnet from the sensor (m)."""
+        """Distance of the magnet from the sensor (m)."""
         share = min(max((self.world.time - self._begins) / COMES, 0.0), 1.0)
         return FAR + share * (NEAR - FAR)
 
@@ -191,7 +191,7 @@ STEADY = 1.0  # s at the end, whose mean is the steady force
 
 @dataclass(frozen=True)
 class Grasped:
-    """How a grasp went."""
+    """Course of a grasp."""
 
     touched: bool  # whether all fingers touched and the hand came to hold
     held: bool  # whether the object stayed through the pull
@@ -249,7 +249,7 @@ def random_pose(hand: HandModel, kind: str, rng: np.random.Generator) -> tuple[A
 
 
 def _quaternion(turn: Array) -> Array:
-    """Of a rotation matrix (3, 3)."""
+    """Quaternion of a rotation matrix (3, 3)."""
     x, y, z, w = Rotation.from_matrix(turn).as_quat()
     return np.array([w, x, y, z])
 
@@ -311,7 +311,7 @@ class GraspScene:
         self._phases: list[GripPhase] = []
 
     def _on_pad(self, place: Array, _: Array) -> Array:
-        """Where a crowned pad's contact lies on the half cylinder, if it is one."""
+        """Contact of a crowned pad on the half cylinder, if it is one."""
         if isinstance(self._config, MagnetPadConfig):
             return on_half_cylinder(place, self._config.radius, self._config.length)
         return place
@@ -356,7 +356,7 @@ class GraspScene:
         return decided.made.phase >= GripPhase.HOLD
 
     def _outside(self) -> None:
-        """What bears the object's weight until it is handed over, and what pulls it then."""
+        """Force that bears the object's weight until it is handed over, and that pulls it then."""
         since = self.world.time - self._handed_over
         given = min(max(since / RISE, 0.0), 1.0)
         pulled = min(max(since - AFTER, 0.0) / RISE, 1.0)
@@ -402,7 +402,7 @@ LOST = 0.45 * CUBE
 
 @dataclass(frozen=True)
 class Handling:
-    """What happens to an object in the hand."""
+    """Course of events for an object in the hand."""
 
     friction: float  # coefficient before and from `change` on
     later_friction: float
@@ -431,7 +431,7 @@ class Handling:
 
 @dataclass(frozen=True)
 class Carried:
-    """How a hold went."""
+    """Course of a hold."""
 
     held: bool  # whether the object was still in the hand at the end
     # true normal force of a finger from the hand-over to the end or the drop (N)

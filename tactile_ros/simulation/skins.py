@@ -44,7 +44,7 @@ AVERAGED = 25  # frames of a contact that lasts
 
 @dataclass(frozen=True)
 class Skin:
-    """How a kind of sensor is read in a scene."""
+    """A kind of sensor in a scene, and how it is read."""
 
     spec: SensorSpec  # of the sensor
     config: SensorConfig  # of this one
@@ -105,7 +105,7 @@ class Fingertip(Closing):
         self._twin.close()
 
     def _now(self, _: float) -> Array:
-        """What the board measures now."""
+        """Readings of the board now."""
         return self._values
 
     def _read(self, place: Array, force: Array, field: Array) -> Frame:
@@ -126,7 +126,7 @@ class Fingertip(Closing):
                 pipeline.tare(frames)
 
     def feel(self, place: Array, force: Array, field: Array | None = None) -> ContactState:
-        """What the pipeline makes of a contact.
+        """Estimate of the pipeline for a contact.
 
         Parameters
         ----------
@@ -146,7 +146,7 @@ class Fingertip(Closing):
         )
 
     def lasting(self) -> ContactState | None:
-        """What the mean of the last 25 frames tells; None without a pipeline for that."""
+        """Estimate from the mean of the last 25 frames; None without a pipeline for that."""
         if self.steady is None:
             return None
         mean = np.mean([frame.values for frame in self._last], axis=0)

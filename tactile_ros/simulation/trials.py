@@ -56,12 +56,12 @@ def unseen(_: HandWorld) -> None:
 
 
 class MakesStage(Protocol):
-    """What makes the loop of a hand."""
+    """Factory of the loop of a hand."""
 
     def __call__(
         self, hand: HandDescription, config: GripConfig, fingers: Sequence[str]
     ) -> GraspStage:
-        """Of a hand, a config, and the sensors that take part; none: all."""
+        """Make it for a hand, a config, and the sensors that take part; none: all."""
         ...
 
 
@@ -183,7 +183,7 @@ class Trials:
 
 @dataclass(frozen=True)
 class Grip:
-    """How a load is gripped."""
+    """Grip of a load."""
 
     config: GripConfig  # of the law
     force: float  # at which it begins (N)

@@ -1,1 +1,1 @@
-"""What a viewer is shown of frames, contacts and grip: drawn by Foxglove, not by this package."""
+"""Live views of frames, contacts and grip: a page in the browser, and Foxglove."""

@@ -241,7 +241,7 @@ def _pose(place: Array, along: Array | None = None) -> messages.Pose:
 
 
 class GripMessage(Protocol):
-    """What is read of a GripState message."""
+    """Fields of a GripState message that are shown."""
 
     phase: int
     fingers: Sequence[str]
@@ -286,7 +286,7 @@ def grip_scalars(grip: GripMessage) -> Scalars:
 
 
 def json_schema(message: Mapping[str, object]) -> dict[str, object]:
-    """What viewers must know of such messages: which entries are numbers, which are text."""
+    """JSON schema of such messages: which entries are numbers, which are text."""
     kinds = {
         name: {'type': 'string' if isinstance(value, str) else 'number'}
         for name, value in message.items()

@@ -38,7 +38,7 @@ MILLI = 1e3
 
 @dataclass(frozen=True)
 class Figures:
-    """What a design does.
+    """Figures of merit of a design.
 
     Attributes
     ----------

@@ -24,7 +24,7 @@ CROSS = PITCH * np.array([[0, 0, 0], [-1, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0
 
 @dataclass(frozen=True)
 class ReskinBoardConfig:
-    """Where the chips sit and what they can measure; any number of chips.
+    """Places and range of the chips, any number of them.
 
     Attributes
     ----------

@@ -385,7 +385,7 @@ class TaxelRegression(Regression):
             self.learned_ = learned
 
     def _sum_is_best(self, wrong: Array, total: Array) -> bool:
-        """Whether the sum of the taxels' forces is nearer the truth than the regressors."""
+        """The sum of the taxels' forces is nearer the truth than the regressors."""
         learned = [head for head in self._best if head.target == 'force' and 2 in head.columns]
         own = float(np.sqrt(np.nanmean(np.square(wrong))))
         self.errors_['sum_rmse'] = own
