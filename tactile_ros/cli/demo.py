@@ -248,7 +248,7 @@ def measure(chosen: list[Part], output: Path, say: Say) -> tuple[Dataset, ...]:
         fits: dict[str, list[Future[Path]]] = {part.name: [] for part in order}
         for name in (None, *COMPARED):
             for part in order:
-                fits[part.name].append(pool.submit(fit_one, (part, name, output)))
+                fits[part.name].append(pool.submit(fit_one, part, name, output))
         for part in order:
             everything = [fit for each in fits.values() for fit in each]
             with working(f'fitting {part.name}'):
@@ -278,9 +278,8 @@ def workers() -> ProcessPoolExecutor:
     return ProcessPoolExecutor(2, get_context('fork'), initializer=begin)
 
 
-def fit_one(job: tuple[Part, str | None, Path]) -> Path:
+def fit_one(part: Part, name: str | None, output: Path) -> Path:
     """Fit and save one pipeline."""
-    part, name, output = job
     spec = load_sensor(SENSOR)
     config = replace(spec.config(), positions=part.train.layout.positions)  # type: ignore[type-var]
     path = output / 'calibrations' / f'{part.name}{"" if name is None else "_" + name}.npz'

@@ -77,8 +77,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Open the viewer and feed it until the end or Ctrl-C."""
-    refuse_wrong(options)
-    with opened(options) as viewer:
+    check_options(options)
+    with open_viewer(options) as viewer:
         try:
             with interruptible():
                 feed(viewer, options)
@@ -87,7 +87,7 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def refuse_wrong(options: argparse.Namespace) -> None:
+def check_options(options: argparse.Namespace) -> None:
     """Refuse options that contradict one another before anybody is asked to connect."""
     if options.sensor and options.recording:
         msg = f'name a recording or --sensor; received {options.recording} and {options.sensor}'
@@ -109,7 +109,7 @@ def refuse_wrong(options: argparse.Namespace) -> None:
         options.mcap.parent.mkdir(parents=True, exist_ok=True)
 
 
-def opened(options: argparse.Namespace) -> PageServer | Viewer:
+def open_viewer(options: argparse.Namespace) -> PageServer | Viewer:
     """Page, server of Foxglove or file that was asked for, with a line that says where it is."""
     if options.mcap or options.foxglove:
         viewer = Viewer(None if options.mcap else options.port, options.mcap)

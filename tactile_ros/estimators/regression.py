@@ -125,16 +125,16 @@ def predict_rows(x: Array, width: int, answer: Callable[[Array], Array]) -> Arra
     return y
 
 
-def fitted(estimator: object, attribute: str) -> None:
+def fitted(method: object, attribute: str) -> None:
     """Refuse to predict before a fit.
 
     Raises
     ------
     NotCalibratedError
-        If the estimator lacks the attribute that its fit sets.
+        If the method lacks the attribute that its fit sets.
     """
-    if not hasattr(estimator, attribute):
-        msg = f'{type(estimator).__name__} must be fitted before it predicts; call fit(x, y) first'
+    if not hasattr(method, attribute):
+        msg = f'{type(method).__name__} must be fitted before it predicts; call fit(x, y) first'
         raise NotCalibratedError(msg)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -244,14 +244,14 @@ class Enrolment:
         self,
         pipeline: Pipeline,
         label: str,
-        stamps: tuple[tuple[int, int], ...] = (),
+        stamps: Sequence[tuple[int, int]] = (),
         replace: bool = False,
     ) -> None:
         """Write the file, then let the stream go on with it and announce it."""
         pipeline.save(self._path)
         self._digest = pipeline.digest
         after_ns = self._loop.adopt(pipeline.estimation)
-        self._on_change(ClassChange(label, self._digest, after_ns, stamps, replace))
+        self._on_change(ClassChange(label, self._digest, after_ns, tuple(stamps), replace))
 
 
 def _fault(trial: Pipeline, press: Press) -> str:

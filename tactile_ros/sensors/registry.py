@@ -57,7 +57,7 @@ class Design(Protocol):
         ...
 
     def tables(self, config: SensorConfig, options: argparse.Namespace) -> list[Table]:
-        """Tables of what the sensor of a config can measure, and which other would serve better."""
+        """Tables of what a config can measure, and which other would serve better."""
         ...
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 from ctypes.util import find_library
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from tactile_ros.errors import MissingPackageError
 
@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from pathlib import Path
     from types import ModuleType
 
-    from tactile_ros.simulation.hand_world import HandWorld
 
 TIME_STEP = 1e-3  # s
 SIZE, COLOURS = (240, 320), 64  # rows and columns of a picture
@@ -76,6 +75,22 @@ def why_not() -> str:
     return ''
 
 
+class World(Protocol):
+    """Running scene of MuJoCo."""
+
+    @property
+    def time(self) -> float:
+        """Simulated time (s)."""
+
+    @property
+    def model(self) -> object:
+        """Model of MuJoCo."""
+
+    @property
+    def data(self) -> object:
+        """State of MuJoCo."""
+
+
 class Film:
     """Pictures of a world, to be saved as a GIF.
 
@@ -98,7 +113,7 @@ class Film:
         self._renderer: object = None
         self.pictures: list[object] = []
 
-    def __call__(self, world: HandWorld) -> None:
+    def __call__(self, world: World) -> None:
         """Take a picture, if it is time; a `MissingPackageError` where nothing can draw."""
         if world.time < self._due:
             return
