@@ -47,6 +47,7 @@ PARSED_ALONE = {
     'tactile demo --sensor gradiometer': GRAPH + 'cut short in test_twin_demo.py',
     'tactile demo --sensor taxel_array --json': GRAPH + 'cut short in test_twin_demo.py',
     'tactile run --sensor reskin_board --port /dev/ttyACM0 --calibration out/mine.npz': NODES,
+    'tactile run --sensor reskin_board --port /dev/ttyACM0': NODES,
     'tactile run --sensor gradiometer --simulated': NODES,
     'tactile run --hand allegro_v5 --calibrations out/fingers --mock-hand': NODES,
     'tactile demo grasp': 'simulates for minutes; its scenes are run in test/simulation',
