@@ -1,6 +1,7 @@
 # make demo    set everything up and run the main job        make bench    compare, time, report; QUICK=1 for less
 # make test    set everything up and pass the tests          make lint     ruff and mypy alone
 # make setup   set up alone                                  make clean    remove all that make made
+# make words   words and sentences of the pages
 # make lines   budgets of the house beside its lines         make bench-check  quick benches beside the golden figures
 #
 # JOBS=1 and BENCH_JOBS=1 run tests and benches one at a time (2 and 4).
@@ -31,10 +32,10 @@ SOURCED := AMENT_PREFIX_PATH COLCON_PREFIX_PATH CMAKE_PREFIX_PATH PYTHONPATH PYT
   ROS_ETC_DIR VIRTUAL_ENV _ROS_WHEELS_BOOTSTRAP_COMPLETE
 ALONE := env $(addprefix -u ,$(SOURCED))
 
-.PHONY: help setup setup-tests demo test test-oldest lint bench bench-check lines lock clean
+.PHONY: help setup setup-tests demo test test-oldest lint bench bench-check lines words lock clean
 
 help:
-	@sed -n '1,4s/^# //p' Makefile
+	@sed -n '1,5s/^# //p' Makefile
 
 setup: python
 	@$(PYTHON) $(CONFIGURE) --distro $(DISTRO)
@@ -61,6 +62,10 @@ bench-check: setup-tests
 # Lines, files and exceptions of every folder beside their budgets.
 lines:
 	@$(firstword $(wildcard .venv/bin/python) $(PYTHON)) test/house.py
+
+# Words of every page, mean and longest sentence.
+words:
+	@$(PYTHON) docs/count_words.py
 
 lint: setup-tests
 	@$(ALONE) .venv/bin/ruff check .
