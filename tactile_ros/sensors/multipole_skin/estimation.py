@@ -21,6 +21,7 @@ from tactile_ros.sensors.multipole_skin.recogniser import (
     NetworkClasses,
     Recogniser,
     best_network,
+    class_chances,
 )
 from tactile_ros.sensors.regression import Recognition, scatter_rows
 from tactile_ros.types import Estimation
@@ -253,7 +254,10 @@ def lost_there(recogniser: Recogniser, new: SupportSet, number: int) -> dict[str
     labels = found[0][others]
     if not len(labels):
         return {'lost_there': float('nan'), 'lost_there_at_most': float('nan')}
-    same = recogniser.chances(found[1][:, others], found[2][:, others])[0].mean(axis=0)
+    # by how well each fits: the nearest one of classes that nobody described need not be alike
+    fits = class_chances(found[1][:, others], found[2][:, others], recogniser.usual_,
+                         recogniser.vary_)[0]  # fmt: skip
+    same = fits.mean(axis=0)
     noisy = _noise_takes(recogniser, new, number)
     chance = 1 - (1 - same) * (1 - np.array([noisy.get(label, 0.0) for label in labels.tolist()]))
     taken = {
@@ -513,7 +517,9 @@ class MultipoleEstimation(Estimation):
         if theirs <= max(right or 0.0, votes):
             self.network_ = None
         chosen = []
-        by_default = described and 'label' not in frames
+        # where no press was repeated nothing judges presses, but nothing else names them
+        known = described or len(self.recogniser_.known_.label) > 0
+        by_default = known and 'label' not in self.frames_.estimators
         if self.network_ is None and (by_default if right is None else right >= votes):
             chosen.append('label')
         for target in ('position', 'yaw'):
