@@ -435,8 +435,9 @@ def outcome(loaded: LoadedRecording, number: int) -> list[str]:
         return []
     label = np.asarray(loaded.recording.truth['label'], np.int64)[live.rows]
     since = stamps[live.rows] > loaded.changes[0].last_ns
-    # the last frame of a window is the one that says a place
-    named = np.isfinite(live.states.position[:, 0]) & (live.states.in_contact == 1)
+    # the last frame of a window is the one that says a place, or a name where no place is told
+    named = np.isfinite(live.states.position[:, 0]) | (live.states.label >= 0)
+    named &= live.states.in_contact == 1
     old, new = named & (label >= 0) & (label != number), named & (label == number)
     name, right = loaded.changes[0].label, live.states.label == label
     return [

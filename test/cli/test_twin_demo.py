@@ -78,10 +78,11 @@ def test_a_new_head_is_taught_while_the_twin_of_a_skin_plays(
         return spec.load(path)
 
     monkeypatch.setattr(demo, 'fit_twin', of_presses)
-    assert demo.run_twin('multipole_skin', tmp_path, 0, 17.0) == 0
+    assert demo.run_twin('multipole_skin', tmp_path, 0, 17.0) == ['multipole_skin']
     said = capsys.readouterr()
     assert "enrolling it as 'bar_20x6'" in said.err
     assert apart(said.out) < ROUNDING
+    assert re.search('bar_20x6 after it: [1-9].* windows named rightly', said.out)
     loaded = load(tmp_path / 'bags' / 'multipole_skin').recordings[0]
     (change,) = loaded.changes
     assert change.label == 'bar_20x6'

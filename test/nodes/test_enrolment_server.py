@@ -304,7 +304,7 @@ def test_a_class_is_learned_recognised_kept_and_forgotten(
 
 def test_weak_and_clipped_presses_are_refused_and_say_so(ros: Ros, hand: Hand) -> None:
     handle = hand.ask('mug')
-    for number, scale in ((1, 0.08), (1, 80.0), (2, 1.0)):
+    for number, scale in ((1, 0.06), (1, 80.0), (2, 1.0)):
         hand.press(number, scale)
     assert hand.result(handle).result.success
     assert ros.until(lambda: len(hand.told) == 3)

@@ -247,7 +247,7 @@ def test_a_class_is_enrolled_survives_a_file_and_is_forgotten(
 
 
 def test_a_press_of_no_use_is_refused_with_a_reason(trial: Trial) -> None:
-    with pytest.raises(ValueError, match='press harder'):
+    with pytest.raises(ValueError, match='10 sigma of the noise'):
         trial.pipeline.enrol(new_head(trial, 1, 8, deep=2e-5), 'wedge')
     clipped = new_head(trial, 1, 9)
     clipped.values[ROWS - 4, 0] = 1.0

@@ -169,7 +169,10 @@ def enrolled(
         )
         raise ValueError(msg)
     if not windows:
-        msg = f'recording of {name!r} must hold a press of {size} frames; found none'
+        msg = (
+            f'recording of {name!r} must hold a press of {size} frames; '
+            'found none: press harder, and longer'
+        )
         raise ValueError(msg)
     presses = press_patterns(windows, recogniser.basis)
     strength = recogniser.strength(presses)
