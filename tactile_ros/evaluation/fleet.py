@@ -28,7 +28,6 @@ from tactile_ros.evaluation.cdr_columns import stack
 from tactile_ros.evaluation.metrics import (
     CLASSES,
     TARGETS,
-    Agreement,
     ClassErrors,
     TargetErrors,
     clocks_apart,
@@ -43,7 +42,7 @@ from tactile_ros.evaluation.recording_files import (
     load,
     save_arrays,
 )
-from tactile_ros.evaluation.replay import Follower, compare, single_cost
+from tactile_ros.evaluation.replay import Follower
 from tactile_ros.evaluation.report import (
     CELLS,
     Answer,
@@ -68,7 +67,6 @@ if TYPE_CHECKING:
 IN_MEMORY = ('.npz', '.csv')
 VECTORS = ('position', 'force', 'torque')
 JUDGED = (*VECTORS, *CLASSES, 'session', 'repetition')  # keys of truth
-PROBED = 100  # frames that are timed one by one
 IN_TABLE = [name for name in CELLS if name not in ('named rightly (%)', 'groups')]
 SCHEMA = 1
 MARKS = {'.json': b'"schema"', '.npz': b'bin_edges.npy'}  # in every file of `save`
@@ -96,27 +94,15 @@ class Outcome:
 
 
 class _Collected:
-    """Estimates of one pipeline that truth can judge, and its agreement with the live run."""
+    """Estimates of one pipeline that truth can judge."""
 
     def __init__(self, follower: Follower) -> None:
         self.follower = follower
-        self.frames = self.spent_ns = 0
-        self.us_single = float('nan')
-        self.agreement: Agreement | None = None
         self._parts: list[Columns] = []
 
-    def add(self, piece: LoadedRecording, clock_ns: Callable[[], int]) -> None:
+    def add(self, piece: LoadedRecording) -> None:
         """Estimate from the next piece."""
-        recording, live = piece.recording, piece.contacts
-        if math.isnan(self.us_single):
-            self.us_single = single_cost(recording, self.follower.began, clock_ns, PROBED)
-        begin = clock_ns()
         states = self.follower(piece)
-        self.spent_ns += clock_ns() - begin
-        self.frames += len(piece.seen)
-        if live is not None:
-            agreement = compare(live.states, live.rows, states, len(recording))
-            self.agreement = self.agreement + agreement if self.agreement else agreement
         columns = {name: getattr(states, name) for name in (*VECTORS, *CLASSES)}
         columns |= {  # their diagonals are all that is judged
             f'{name}_cov': np.diagonal(getattr(states, f'{name}_cov'), axis1=1, axis2=2)
@@ -136,14 +122,12 @@ class _Collected:
 
     def answer(self, calibration: str, whole: LoadedRecording, states: ContactStates) -> Answer:
         """Judge all estimates."""
-        pipeline = self.follower.pipeline
-        recording = replace(whole.recording, truth=as_answered(whole, pipeline))
-        batch = self.spent_ns / self.frames / 1000 if self.frames else float('nan')
-        problems = () if self.agreement is None else self.agreement.problems
+        done = self.follower
+        recording = replace(whole.recording, truth=as_answered(whole, done.pipeline))
         return replace(
-            answer(label_of(self.follower.began), recording, states, self.us_single, batch),
-            calibration=calibration, frames=self.frames, agreement=self.agreement,
-            problems=(*self.follower.problems, *problems),
+            answer(label_of(done.began), recording, states, done.us_single, done.us_batch),
+            calibration=calibration, frames=done.frames, agreement=done.agreement,
+            problems=done.problems,
         )  # fmt: skip
 
 
@@ -160,10 +144,10 @@ class Evaluation:
         pipelines: Mapping[str, Pipeline],
         clock_ns: Callable[[], int] = perf_counter_ns,
     ) -> None:
-        self._layout, self._clock_ns = first.recording.layout, clock_ns
+        self._layout = first.recording.layout
         shape = self._layout.shape
         self._answers = {
-            name: _Collected(Follower(pipeline, first.calibrations, first.changes))
+            name: _Collected(Follower(pipeline, first.calibrations, first.changes, clock_ns))
             for name, pipeline in pipelines.items()
             if pipeline.layout.shape == shape
         }
@@ -177,7 +161,7 @@ class Evaluation:
         """Judge one more piece."""
         recording, live = piece.recording, piece.contacts
         for one in self._answers.values():
-            one.add(piece, self._clock_ns)
+            one.add(piece)
         if live is not None and recording.stamp_ns is not None:
             self._latency.append(np.asarray((live.log_ns - recording.stamp_ns[live.rows]) * 1e-9))
         self._lengths.append(len(recording))

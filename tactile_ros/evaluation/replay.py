@@ -11,6 +11,7 @@ from contextlib import suppress
 from copy import copy, deepcopy
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from math import isnan, nan
 from time import perf_counter_ns
 from typing import TYPE_CHECKING
 
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, Bools, Columns, Integers
 
 NOT_IN_MESSAGES = ('object_pose', 'object_pose_cov')
+TIMED = 200  # frames that are processed one by one for their time
 REMEMBERED = 1 << 16  # stamps of frames that a baseline may name
 FEWEST = 4  # frames of a tare: fewer tell no noise
 BRIDGED = 2  # rows between two frames of a tare: damaged, or not heard
@@ -86,36 +88,31 @@ def replay(
 
     The live run's baselines are used, else tare rows. Raises ValueError if the shape differs.
     """
-    recording, live = loaded.recording, loaded.contacts
+    recording = loaded.recording
     if recording.layout.shape != pipeline.layout.shape:
         msg = (
             f'the recording must have shape {pipeline.layout.shape} (t, c) as the calibration of '
             f'{pipeline.sensor} says; received {recording.layout.shape}'
         )
         raise ValueError(msg)
-    follower = Follower(pipeline, loaded.calibrations, loaded.changes)
-    begin, count = clock_ns(), len(loaded.seen)
+    follower = Follower(pipeline, loaded.calibrations, loaded.changes, clock_ns)
     states = follower(loaded)
-    batch = (clock_ns() - begin) / 1000 / count if count else float('nan')
-    single = single_cost(recording, follower.began, clock_ns) if count else float('nan')
-    agreement = None if live is None else compare(live.states, live.rows, states, len(recording))
-    problems = follower.problems + (() if agreement is None else agreement.problems)
-    return Replayed(states, single, agreement, problems, batch)
+    return Replayed(
+        states, follower.us_single, follower.agreement, follower.problems, follower.us_batch
+    )
 
 
-def single_cost(
-    recording: Recording, pipeline: Pipeline, clock_ns: Callable[[], int], frames: int = 500
-) -> float:
-    """Wall time of one frame processed alone (microseconds): the median of some frames."""
+def single_cost(recording: Recording, pipeline: Pipeline, clock_ns: Callable[[], int]) -> float:
+    """Wall time of one frame processed alone (microseconds): the median of the first frames."""
     spent = []
     pipeline = copy(pipeline)
     pipeline.reset()
-    for row in range(min(len(recording), frames)):
+    for row in range(min(len(recording), TIMED)):
         frame = recording.frame(row)
         begin = clock_ns()
         pipeline.process(frame)
         spent.append(clock_ns() - begin)
-    return float(np.median(spent)) / 1000 if spent else float('nan')
+    return float(np.median(spent)) / 1000
 
 
 def compare(live: ContactStates, rows: Integers, states: ContactStates, samples: int) -> Agreement:
@@ -198,6 +195,9 @@ def failure_problems(pipeline: Pipeline, before: int = 0) -> tuple[str, ...]:
 class Follower:
     """One pipeline along a live run, with its memory carried over from piece to piece.
 
+    It is timed (`us_single`, `us_batch`: microseconds of a frame alone and among many, NaN where
+    none was processed) and compared with the live run (`agreement`; None: there are no contacts).
+
     Parameters
     ----------
     pipeline : Pipeline
@@ -213,7 +213,12 @@ class Follower:
         pipeline: Pipeline,
         calibrations: Sequence[str] = (),
         changes: Sequence[ClassChange] = (),
+        clock_ns: Callable[[], int] = perf_counter_ns,
     ) -> None:
+        self.frames = self._spent_ns = 0
+        self.us_single = nan
+        self.agreement: Agreement | None = None
+        self._clock_ns = clock_ns
         self.began = as_it_began(calibrations, changes, as_live(calibrations, pipeline))
         self.pipeline = deepcopy(self.began) if changes else copy(self.began)
         self.pipeline.reset()
@@ -226,10 +231,30 @@ class Follower:
     @property
     def problems(self) -> tuple[str, ...]:
         """Sentences that must be read with the states."""
-        return (*self._mismatch, *self._changes.problems, *failure_problems(self.pipeline))
+        left_out = () if self.agreement is None else self.agreement.problems
+        failures = failure_problems(self.pipeline)
+        return (*self._mismatch, *self._changes.problems, *failures, *left_out)
+
+    @property
+    def us_batch(self) -> float:
+        """Time of a frame among many (microseconds)."""
+        return self._spent_ns / self.frames / 1000 if self.frames else nan
 
     def __call__(self, piece: LoadedRecording) -> ContactStates:
         """States of every row of the next piece; unknown where the live node saw no frame."""
+        recording, live = piece.recording, piece.contacts
+        if isnan(self.us_single) and len(piece.seen):
+            self.us_single = single_cost(recording, self.began, self._clock_ns)
+        begin = self._clock_ns()
+        states = self._states(piece)
+        self._spent_ns += self._clock_ns() - begin
+        self.frames += len(piece.seen)
+        if live is not None:
+            agreement = compare(live.states, live.rows, states, len(recording))
+            self.agreement = self.agreement + agreement if self.agreement else agreement
+        return states
+
+    def _states(self, piece: LoadedRecording) -> ContactStates:
         recording, rows = piece.recording, piece.seen
         taxels = recording.layout.shape[0]
         self.pipeline.check_layout(recording)

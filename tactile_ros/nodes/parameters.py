@@ -1,8 +1,8 @@
 """ROS parameters from the fields of dataclasses: one place for defaults, ranges and sentences.
 
 A field's metadata says `help`, `unit`, `range` (lo, hi), `choices`, `read_only` (only when the
-node starts) and `live` (also while it runs; all others are read at configure). Arrays are
-flattened row by row. A value that is not known (None) is NaN for a number, empty for an array.
+node starts) and `live` (also while it runs; all others are read at configure). The dataclass
+itself refuses values. What is not known (None) is NaN for a number, empty for an array.
 """
 
 from __future__ import annotations
@@ -17,12 +17,11 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 
 from tactile_ros.enrolment import Allowed
+from tactile_ros.types.config_fields import admit
 
 T = TypeVar('T')
 Value = Any  # what ROS holds: a scalar, an array, or None
 KINDS = {'bool': bool, 'int': int, 'float': float, 'str': str}
-TAILS = {'rotations': (3, 3), 'positions': (3,)}  # of arrays whose default is None
-WORDS = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
 
 
 def parameter(default: T, text: str, **metadata: object) -> T:
@@ -31,7 +30,16 @@ def parameter(default: T, text: str, **metadata: object) -> T:
 
 
 @dataclass(frozen=True)
-class NodeOptions:
+class Options:
+    """Parameters that are held to their ranges."""
+
+    def __post_init__(self) -> None:
+        """Refuse values out of range by a ValueError."""
+        admit(self)
+
+
+@dataclass(frozen=True)
+class NodeOptions(Options):
     """Parameters of every node."""
 
     autostart: bool = parameter(True, 'configure and activate at start', read_only=True)
@@ -139,7 +147,7 @@ class GripOptions(NodeOptions):
 
 
 @dataclass(frozen=True)
-class StackOptions:
+class StackOptions(Options):
     """Parameters that say what runs in the process of a stack; its nodes have their own."""
 
     hand: str = parameter('', 'hand whose sensors and grip run here; empty: one sensor alone')
@@ -226,23 +234,20 @@ class PlayerOptions(NodeOptions):
 class Entry:
     """One dataclass field as a ROS parameter; ValueError where it is none.
 
-    An array is flattened, its elements are of `kind` and its trailing shape is `tail`; an optional
-    one may be unknown.
+    An array is flattened row by row; an optional field may be unknown.
     """
 
     def __init__(self, about: Field[Any], default: object) -> None:
-        text = about.type if isinstance(about.type, str) else about.type.__name__
-        self.array = 'Array' in text or 'tuple' in text.lower()
-        name = 'float' if self.array else text.split('|')[0].strip()
-        if name not in KINDS:
+        text = str(about.type)
+        self.array = 'Array' in text or text.startswith('tuple')
+        kind = text.partition(' |')[0]
+        if self.array:
+            kind = 'str' if 'str' in text else 'float'
+        if kind not in KINDS:
             msg = f'{about.name} is no number, text or array of them'
             raise ValueError(msg)
-        self.kind = str if 'str' in text and self.array else KINDS[name]
-        self.optional = 'None' in text
-        self.tail = TAILS.get(about.name, ()) if default is None else np.shape(default)[1:]
+        self.kind, self.optional = KINDS[kind], 'None' in text
         self.name, self.default, self.metadata = about.name, default, about.metadata
-        self.bounds = None if self.kind is str else about.metadata.get('range')
-        self.choices, self.unit = about.metadata.get('choices'), about.metadata.get('unit')
 
     @property
     def ros_default(self) -> Value:
@@ -259,8 +264,8 @@ class Entry:
         when = 'read at start' if about.get('read_only') else 'read at configure'
         parts = [
             about.get('help', self.name),
-            f'unit {self.unit}' if self.unit else '',
-            f'one of {", ".join(self.choices)}' if self.choices else '',
+            f'unit {about["unit"]}' if 'unit' in about else '',
+            f'one of {", ".join(about["choices"])}' if 'choices' in about else '',
             'may change any time' if about.get('live') else when,
         ]
         described = ParameterDescriptor(
@@ -269,8 +274,8 @@ class Entry:
             # so that 100 is taken where 100.0 is meant, and [] where numbers may follow
             dynamic_typing=True,
         )
-        if self.bounds is not None and not self.array and not self.optional:
-            low, high = map(self.kind, self.bounds)
+        if 'range' in about and not self.array and not self.optional:
+            low, high = map(self.kind, about['range'])
             if self.kind is float:
                 span = FloatingPointRange(from_value=low, to_value=high)
                 described.floating_point_range = [span]
@@ -278,46 +283,17 @@ class Entry:
                 described.integer_range = [IntegerRange(from_value=low, to_value=high)]
         return described
 
-    def check(self, value: Value) -> object:
-        """Value of the dataclass for a value of ROS; ValueError with one sentence."""
-        if self.array:
-            return self._check_array([] if value is None else value)
-        if self.kind is float and type(value) is int:
-            value = float(value)
-        if type(value) is not self.kind:
-            msg = f'{self.name} must be {WORDS[self.kind]}; received {value!r}'
-            raise ValueError(msg)
-        if self.optional and (value == '' or value != value):  # noqa: PLR0124
-            return None
-        if self.choices and value not in self.choices:
-            msg = f'{self.name} must be one of {", ".join(self.choices)}; received {value!r}'
-            raise ValueError(msg)
-        self._check_bounds(value)
-        return value
-
-    def _check_bounds(self, value: Value) -> None:
-        """Refuse what is out of range, of an array any element."""
-        low, high = self.bounds or (-inf, inf)
-        if self.bounds and not (low <= np.min(value) and np.max(value) <= high):
-            unit = f' {self.unit}' if self.unit else ''
-            msg = f'{self.name} must lie in {low} to {high}{unit}; received {value}'
-            raise ValueError(msg)
-
-    def _check_array(self, value: Value) -> object:
-        """Numbers (or texts) in the shape of the field."""
-        if self.kind is str:
-            return tuple(str(x) for x in value)
-        try:
-            numbers = np.asarray(value, np.float64).ravel()
-            shaped = numbers.reshape(-1, *self.tail) if self.tail else numbers
-        except (TypeError, ValueError) as err:
-            rows = f'a multiple of {int(np.prod(self.tail))} ' if self.tail else ''
-            msg = f'{self.name} must be {rows}numbers; received {value!r}'
-            raise ValueError(msg) from err
+    def field_value(self, value: Value) -> Value:
+        """Value of the field for a value of ROS; its dataclass refuses what cannot be."""
+        if not self.array:
+            unknown = self.optional and (value == '' or value != value)  # noqa: PLR0124
+            return None if unknown else value
+        numbers = np.ravel([] if value is None else value)
         if not numbers.size:
             return None if self.optional else self.default
-        self._check_bounds(numbers)
-        return shaped if isinstance(self.default, (np.ndarray, type(None))) else tuple(shaped)
+        rows = self.metadata.get('shape', ())[1:]
+        whole = numbers.size % int(np.prod(rows)) == 0
+        return numbers.reshape(-1, *rows) if rows and whole else numbers.tolist()
 
 
 class Schema(Generic[T]):
@@ -340,9 +316,9 @@ class Schema(Generic[T]):
         return self.build({name: node.get_parameter(name).value for name in self.entries})
 
     def build(self, values: dict[str, Value]) -> T:
-        """Dataclass with ROS values, checked by the ranges and by the dataclass itself."""
-        checked = {name: self.entries[name].check(value) for name, value in values.items()}
-        return replace(self.defaults, **checked)  # type: ignore[type-var]
+        """Dataclass with ROS values; ValueError with one sentence for what cannot be."""
+        given = {name: self.entries[name].field_value(value) for name, value in values.items()}
+        return replace(self.defaults, **given)  # type: ignore[type-var]
 
     def validate(self, node: Node, wanted: dict[str, Value], running: bool) -> None:
         """Refuse changes of the node's parameters by a ValueError, without any effect.

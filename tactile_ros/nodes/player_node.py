@@ -41,6 +41,10 @@ LOST_S = 2.0
 MOST_LOST = 5
 
 
+class Stopped(TactileError):
+    """Playing was told to stop."""
+
+
 class FrameMatcher:
     """Match frames that come back to the rows that were sent, by order and content, not by time.
 
@@ -50,6 +54,7 @@ class FrameMatcher:
 
     def __init__(self) -> None:
         self.sent = self.lost = self.through = 0
+        self.is_stopped = False
         self._waiting: deque[tuple[int, Array]] = deque()
         self._returned: deque[tuple[int, int]] = deque()  # sequence, rows sent up to it
         self._acknowledged = -1
@@ -86,30 +91,30 @@ class FrameMatcher:
             self.through = self._returned.popleft()[1]
         self._changed.notify_all()
 
-    def wait(self, count: int, timeout: float, stopped: Callable[[], bool]) -> bool:
-        """Wait until so many rows are through; False after `timeout` (s), or once stopped."""
-        with self._changed:
-            self._changed.wait_for(lambda: stopped() or self.through >= count, timeout)
-            return self.through >= count and not stopped()
+    def wait(self, count: int, timeout: float) -> bool:
+        """Wait until so many rows are through; False after `timeout` (s).
 
-    def give_up(self) -> int:
-        """Count all rows on their way as lost; return how many they were."""
+        Raises Stopped by `stop`.
+        """
         with self._changed:
-            count = len(self._waiting)
-            self.lost += count
+            self._changed.wait_for(lambda: self.is_stopped or self.through >= count, timeout)
+            if self.is_stopped:
+                raise Stopped
+            return self.through >= count
+
+    def give_up(self) -> None:
+        """Count all rows on their way as lost."""
+        with self._changed:
+            self.lost += len(self._waiting)
             self._waiting.clear()
             self._returned.clear()
             self.through = self.sent
-            return count
 
-    def wake(self) -> None:
-        """Let whoever waits look whether it shall stop."""
+    def stop(self) -> None:
+        """End the waiting for rows."""
         with self._changed:
+            self.is_stopped = True
             self._changed.notify_all()
-
-
-class Stopped(TactileError):
-    """Playing was told to stop."""
 
 
 @dataclass
@@ -148,7 +153,7 @@ def as_received(data: bytes) -> Array:
 
 
 class Playback:
-    """Play a recording in a thread of its own until its end or until stopped, without ROS.
+    """Play a recording in a thread of its own, without ROS, until its end or the matcher's stop.
 
     `tare` takes a tare within some seconds and returns whether it was done and the answer; it is
     called after every run of resting rows (None: rests are streamed, and nothing else). `missing`
@@ -168,24 +173,13 @@ class Playback:
         count = len(recording)
         self._resting = np.zeros(count, bool) if recording.tare is None else recording.tare
         self._tare, self._missing = tare, missing
-        self._stop = threading.Event()
         self._lost_in_a_row = 0
         self._due_s = 0.0
-
-    def stop(self) -> None:
-        """End playing soon."""
-        self._stop.set()
-        self._matcher.wake()
-
-    def is_stopped(self) -> bool:
-        """Told to stop."""
-        return self._stop.is_set()
 
     def play(self, on_end: Callable[[PlaybackCounts], None]) -> None:
         """Offer the port, wait for the graph, warm up, play; again and again where `loop`.
 
-        Raises DeviceError if the graph does not answer, with what is missing, and Stopped by
-        `stop`.
+        Raises DeviceError if the graph does not answer, with what is missing, and Stopped.
         """
         link = Path(self._options.port)
         with SimulatedSerialPort() as port:
@@ -203,13 +197,6 @@ class Playback:
             finally:
                 link.unlink(missing_ok=True)
 
-    def _is_through(self, count: int, timeout: float) -> bool:
-        """Wait until so many rows are through; Stopped if told to stop meanwhile."""
-        through = self._matcher.wait(count, timeout, self.is_stopped)
-        if self.is_stopped():
-            raise Stopped
-        return through
-
     def _unread(self) -> str:
         """Sentence where no driver has opened the port; empty: one has."""
         try:
@@ -222,8 +209,7 @@ class Playback:
         """Wait until nothing is missing."""
         deadline = time.monotonic() + self._options.patience_s
         while missing():
-            if self._stop.wait(0.02):
-                raise Stopped
+            self._matcher.wait(self._matcher.sent + 1, 0.02)
             if time.monotonic() > deadline:
                 raise DeviceError(missing())
 
@@ -241,7 +227,7 @@ class Playback:
             for _ in range(WARM_UP_ROWS):
                 values[0, 0] += WARM_UP_STEP
                 self._send(-1, values)
-            if self._is_through(self._matcher.sent, RETRY_S):
+            if self._matcher.wait(self._matcher.sent, RETRY_S):
                 break
             if time.monotonic() > deadline:
                 msg = f'no frame came back from {self._options.port}: are all nodes active?'
@@ -257,8 +243,6 @@ class Playback:
             if resting and self._tare is not None:
                 self._settle()
                 done, message = self._tare(self._options.patience_s)
-                if self.is_stopped():
-                    raise Stopped
                 counts.tares += done
                 counts.refused += not done
                 counts.refusal = counts.refusal if done else message
@@ -280,13 +264,13 @@ class Playback:
             # a slow reader delays the schedule; the rows that follow do not come in a burst
             self._due_s = max(self._due_s + gap, time.monotonic() - gap)
             time.sleep(max(0.0, self._due_s - time.monotonic()))
-            if not self._is_through(self._matcher.sent + 1 - options.window, LOST_S):
+            if not self._matcher.wait(self._matcher.sent + 1 - options.window, LOST_S):
                 self._matcher.give_up()
             self._send(row, self._recording.values[row])
 
     def _settle(self) -> None:
         """Wait until everything sent went through."""
-        if self._is_through(self._matcher.sent, LOST_S):
+        if self._matcher.wait(self._matcher.sent, LOST_S):
             self._lost_in_a_row = 0
             return
         self._matcher.give_up()
@@ -342,7 +326,7 @@ class PlayerNode(ManagedNode):
 
     def deactivate(self) -> None:
         """Stop playing."""
-        self._playback.stop()
+        self._matcher.stop()
         self._thread.join()
 
     def cleanup(self) -> None:
@@ -373,7 +357,7 @@ class PlayerNode(ManagedNode):
         future.add_done_callback(lambda _: answered.set())
         deadline = time.monotonic() + timeout
         while not answered.wait(0.1):
-            if self._playback.is_stopped() or time.monotonic() > deadline:
+            if self._matcher.is_stopped or time.monotonic() > deadline:
                 return False, f'service {self._client.srv_name} does not answer'
         answer = future.result()
         return answer.success, answer.message

@@ -39,18 +39,12 @@ def setup_of() -> HandSetup:
         node.get_logger().warning(refusal)
     namespace = node.get_namespace().strip('/')
     node.destroy_node()
-    return HandSetup(
-        hand=options.hand,
-        fingers=','.join(options.fingers),
-        sensor=options.sensor,
-        source=options.source,
-        ports=','.join(options.ports),
-        calibrations=options.calibrations,
-        seed=options.seed,
-        frame_prefix=options.frame_prefix,
-        namespace=namespace,
-        stack=True,
-    )
+    choices = {
+        name: ','.join(value) if isinstance(value, tuple) else value
+        for name, value in vars(options).items()
+        if name != 'priority'
+    }
+    return HandSetup(**choices, namespace=namespace, stack=True)
 
 
 def raise_priority(priority: int) -> str:

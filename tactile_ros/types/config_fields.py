@@ -87,7 +87,7 @@ def whole_numbers(
 
 
 def texts(default: tuple[str, ...], text: str) -> tuple[str, ...]:
-    """Field of one text or more."""
+    """Field of texts: one or more, or none where that is the default."""
     return field(default=default, metadata={'help': text})
 
 
@@ -137,11 +137,13 @@ def _admitted(
         return _per_channel(name, value, channels, about['range'])
     if 'shape' in about:
         return _in_shape(name, value, about, taxels)
-    if 'Outlines' in kind or kind.startswith('tuple[str'):
-        return (_all_outlines if 'Outlines' in kind else _all_texts)(name, value)
+    if 'Outlines' in kind:
+        return _all_outlines(name, value)
+    if kind.startswith('tuple[str'):
+        return _all_texts(name, value, entry.default)
     if kind in ('bool', 'str'):
         return _plain(name, value, bool if kind == 'bool' else str, about)
-    return _number(name, value, kind == 'int', about['range'])
+    return _number(name, value, kind == 'int', about.get('range', ANY))
 
 
 def _number(name: str, value: object, integer: bool, bounds: tuple[float, float]) -> float:
@@ -219,10 +221,10 @@ def _refuse_no_turns(name: str, turns: Array) -> None:
         raise ValueError(msg[:300])
 
 
-def _all_texts(name: str, value: object) -> tuple[str, ...]:
+def _all_texts(name: str, value: object, default: object) -> tuple[str, ...]:
     """Texts as a tuple; one alone is a tuple of one."""
     items = (value,) if isinstance(value, str) else tuple(cast('Iterable[object]', value))
-    if not items or not all(isinstance(item, str) for item in items):
+    if not all(isinstance(item, str) for item in items) or (default and not items):
         msg = f'{name} must be one text or more; received {str(value)[:80]}'
         raise ValueError(msg)
     return cast('tuple[str, ...]', items)

@@ -566,8 +566,8 @@ def test_sensor_node_reports_a_damaged_reading(
     ('name', 'value', 'sentence'),
     [
         ('rate_hz', -1.0, 'out of range'),
-        ('rate_hz', 'fast', 'rate_hz must be a number'),
-        ('positions', [1.0, 2.0], 'positions must be a multiple of 3 numbers'),
+        ('rate_hz', 'fast', 'must be a number from'),
+        ('positions', [1.0, 2.0], 'must have shape (any, 3)'),
         ('baud', 5, 'out of range'),
         ('sensor', 'other', 'read-only'),
     ],
