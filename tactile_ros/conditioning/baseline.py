@@ -69,7 +69,6 @@ class BaselineTracker:
         self._begin(0)
 
     def _begin(self, stamp_ns: int) -> None:
-        """Begin a block."""
         self._total = np.zeros(self.baseline.shape)
         self._finite = np.zeros(self.baseline.shape, np.int64)
         self._count, self._begin_ns, self._quiet = 0, stamp_ns, True

@@ -97,7 +97,6 @@ class MessageLayout:
                 self._field(f'{path}.{i}', int(entry_kind), entry)
 
     def _number(self, path: str, name: str, count: int | None) -> None:
-        """Place a number, or a list of numbers."""
         if name not in NUMBERS:
             raise UnlikeError
         form = NUMBERS[name]
@@ -110,7 +109,6 @@ class MessageLayout:
             raise UnlikeError
 
     def _length(self) -> int:
-        """Length of a text or of a list."""
         self.at += (FRONT_BYTES - self.at) % 4
         if self.at + 4 > len(self.data):
             raise UnlikeError

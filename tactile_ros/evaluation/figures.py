@@ -219,7 +219,6 @@ class Plot:
         self._over.append(_text(px, py, words, f'note {kind}', anchor))
 
     def __html__(self) -> str:
-        """The drawing as an element of a page."""
         return self.element('class="plot"')
 
     def element(self, attributes: str) -> str:

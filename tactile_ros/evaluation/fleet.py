@@ -502,5 +502,4 @@ def _spread_json(errors: Spread, unit: str) -> dict[str, object]:
 
 
 def _number(value: float) -> float | None:
-    """Number as json has it."""
     return float(value) if math.isfinite(value) else None

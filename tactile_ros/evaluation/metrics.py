@@ -370,7 +370,6 @@ class Agreement:
     differences: dict[str, float]  # largest of each attribute; inf where only one has it
 
     def __add__(self, other: Agreement) -> Agreement:
-        """Agreement over both parts."""
         worst = {
             name: max(self.differences.get(name, 0.0), other.differences.get(name, 0.0))
             for name in dict.fromkeys([*self.differences, *other.differences])

@@ -227,6 +227,16 @@ def _right(kind: str) -> Callable[[Dataset, Answer], Cell]:
     return lambda _, a: next((c.right for c in a.classes if c.name == kind), None)
 
 
+def _latency(name: str) -> Callable[[Dataset, Answer], Cell]:
+    """Figure of the spread of the latency (ms), beside the first answer of a recording."""
+
+    def cell(one: Dataset, answer: Answer) -> Cell:
+        first = answer is one.answers[0]
+        return MM * getattr(one.latency, name) if first and one.latency.count else None
+
+    return cell
+
+
 CELLS: dict[str, Callable[[Dataset, Answer], Cell]] = {
     'recording': lambda d, _: d.name,
     'estimator': lambda _, a: a.name,
@@ -244,8 +254,8 @@ CELLS: dict[str, Callable[[Dataset, Answer], Cell]] = {
     'label right (%)': _right('label'),
     'slip right (%)': _right('slip'),
     'groups': lambda _, a: max((t.coverage.groups for t in a.targets), default=None),
-    'latency p50 (ms)': lambda d, _: MM * d.latency.p50 if d.latency.count else None,
-    'p99 (ms)': lambda d, _: MM * d.latency.p99 if d.latency.count else None,
+    'latency p50 (ms)': _latency('p50'),
+    'p99 (ms)': _latency('p99'),
     'dropped': lambda d, _: d.dropped,
     'frames': lambda d, _: d.frames,
     'us/frame': lambda _, a: a.us_single,
@@ -255,7 +265,6 @@ ON_PAGES = [name for name in CELLS if name not in (
     'calibration', 'contact right (%)', 'cell right (%)', 'label right (%)', 'slip right (%)',
     'frames', 'us/frame batch',
 )]  # fmt: skip
-OF_LIVE_RUN = ('latency p50 (ms)', 'p99 (ms)')
 
 
 def rows_of(
@@ -268,13 +277,8 @@ def rows_of(
 
 
 def table(result: Result) -> tuple[list[str], list[list[Cell]]]:
-    """Summary of a report; the latency stands beside the first answer of a recording."""
-    columns, rows = rows_of(result.datasets, ON_PAGES)
-    others = (a is not d.answers[0] for d in result.datasets for a in d.answers)
-    live = [i for i, name in enumerate(columns) if name in OF_LIVE_RUN]
-    for row in (row for row, other in zip(rows, others, strict=True) if other):
-        row[:] = [None if i in live else cell for i, cell in enumerate(row)]
-    return columns, rows
+    """Summary of a report."""
+    return rows_of(result.datasets, ON_PAGES)
 
 
 def _is_measured(cell: Cell) -> bool:

@@ -84,7 +84,6 @@ class FrameTimes:
         return cls(*(np.concatenate(column) for column in columns))
 
     def __len__(self) -> int:
-        """Count of frames s."""
         return len(self.stamp_ns)
 
 

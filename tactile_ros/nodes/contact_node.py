@@ -138,7 +138,6 @@ class ContactNode(ManagedNode):
             self._incoming = self.subscribe(TactileFrame, 'frame', self._on_frame)
 
     def _end_waiting(self) -> None:
-        """End the timer that looks for listeners."""
         if self._waiting is not None:
             self.destroy_timer(self._waiting)
             self._waiting = None
@@ -223,7 +222,6 @@ class ContactNode(ManagedNode):
             self._standard.publish(frame, state, frame_id, self._pipeline, unknown_as)
 
     def _publish(self, frame: Frame, state: ContactState) -> None:
-        """Publish contacts."""
         message = TactileContacts()
         messages.fill_contacts(message, state, TactileContact)
         messages.fill_header(message.header, frame.stamp_ns, self._frame_id)
@@ -239,7 +237,6 @@ class ContactNode(ManagedNode):
         self._baseline.publish(message)
 
     def _on_tare(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Take the tare, or say why not."""
         response.message = 'tare needs an active node: activate it first'
         if self._active:
             response.success, response.message = self.loop.tare()

@@ -413,7 +413,6 @@ class EnrolmentClient:
             self._node.destroy_subscription(truth)
 
     def _require(self, is_there: bool, service: str) -> None:
-        """Refuse to wait for nobody."""
         if not is_there:
             place = self._node.get_namespace()
             msg = (
@@ -423,7 +422,6 @@ class EnrolmentClient:
             raise TactileError(msg)
 
     def _answer(self, future: Future, timeout: float) -> object:
-        """Result of a call."""
         self._executor.spin_until_future_complete(future, timeout)
         if not future.done():
             msg = f'{SERVER} did not answer within {timeout:g} s'

@@ -229,12 +229,10 @@ class ManagedNode(LifecycleNode):
             self._end_inputs()
 
     def _end_inputs(self) -> None:
-        """End what `subscribe` began."""
         while self._inputs:
             self.destroy_subscription(self._inputs.pop())
 
     def _publish_diagnostics(self) -> None:
-        """One message a second on /diagnostics."""
         try:
             status = self.diagnose()
         except Exception as err:  # what cannot be told must not end the node

@@ -239,7 +239,6 @@ class MockHandNode(ManagedNode):
     def _on_parameters(
         self, request: GetParameters.Request, response: GetParameters.Response
     ) -> GetParameters.Response:
-        """Parameters of the controller."""
         kind = ParameterType.PARAMETER_STRING_ARRAY
         joints = ParameterValue(type=kind, string_array_value=list(self._names))
         response.values = [joints if n == 'joints' else ParameterValue() for n in request.names]

@@ -34,7 +34,6 @@ class Options:
     """Parameters that are held to their ranges."""
 
     def __post_init__(self) -> None:
-        """Refuse values out of range by a ValueError."""
         admit(self)
 
 

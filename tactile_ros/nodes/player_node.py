@@ -86,7 +86,6 @@ class FrameMatcher:
             self._advance()
 
     def _advance(self) -> None:
-        """Count the rows that are through."""
         while self._returned and self._returned[0][0] <= self._acknowledged:
             self.through = self._returned.popleft()[1]
         self._changed.notify_all()
@@ -130,7 +129,6 @@ class PlaybackCounts:
     refusal: str = ''
 
     def __str__(self) -> str:
-        """One line."""
         faster = self.recorded_s / self.seconds if self.seconds else 0.0
         speed = f', {faster:.3g} times the recorded speed' if faster else ''
         return (
@@ -206,7 +204,6 @@ class Playback:
         return ''
 
     def _await(self, missing: Callable[[], str]) -> None:
-        """Wait until nothing is missing."""
         deadline = time.monotonic() + self._options.patience_s
         while missing():
             self._matcher.wait(self._matcher.sent + 1, 0.02)
@@ -214,7 +211,6 @@ class Playback:
                 raise DeviceError(missing())
 
     def _send(self, row: int, values: Array) -> None:
-        """Send the bytes of a row."""
         data = encode(values)
         self._matcher.send(row, as_received(data))
         self._port.send(data)
@@ -363,7 +359,6 @@ class PlayerNode(ManagedNode):
         return answer.success, answer.message
 
     def _play(self) -> None:
-        """Play, and say how it went."""
         try:
             self._playback.play(self._tell)
         except Stopped:

@@ -63,7 +63,6 @@ class Running:
         self._spoken = threading.Condition()
 
     def __enter__(self) -> Running:
-        """Start all."""
         try:
             for process in self.graph.processes:
                 self.start(process)
@@ -73,7 +72,6 @@ class Running:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Stop all."""
         self.stop()
 
     def start(self, process: Process) -> None:
@@ -127,7 +125,6 @@ class Running:
         return line
 
     def _last(self, name: str) -> str:
-        """Last words of a process."""
         return ' | '.join(self.lines[name][-3:]) or 'nothing'
 
     def wait(self, executable: str, timeout: float) -> int:

@@ -257,7 +257,6 @@ class Reader:
                 (self._queue_up if self._limit else self._pass_on)(frames)
 
     def _await_device(self) -> None:
-        """Open with growing pauses."""
         pause = FIRST_RETRY_S
         while not self.is_open and not self._stop.wait(pause):
             pause = min(2 * pause, LONGEST_RETRY_S)
@@ -299,7 +298,6 @@ class Reader:
             self._fail(err)
 
     def _fail(self, err: Exception) -> None:
-        """Count a failure and tell it."""
         self.diagnostics.failures += 1
         foreseen = isinstance(err, (TactileError, OSError))
         self._note(str(err) if foreseen else f'{type(err).__name__}: {err}')

@@ -15,12 +15,10 @@ from tactile_ros.types.contact import (
 )
 from tactile_ros.types.contracts import (
     Closing,
-    CommandTopic,
     Device,
     Estimation,
     Estimator,
     GripCommand,
-    Hand,
     JointLimits,
     Report,
     SensorConfig,
@@ -46,9 +44,9 @@ from tactile_ros.types.frame import (
 from tactile_ros.types.recording import TRUTH_KEYS, Recording, groups_of, join
 
 __all__ = [
-    'STATE_FIELDS', 'TRUTH_KEYS', 'Array', 'Bools', 'Bytes', 'Closing', 'Columns', 'CommandTopic',
-    'Contact', 'ContactState', 'ContactStates', 'Device', 'Estimation', 'Estimator', 'Frame',
-    'FrameStatus', 'GripCommand', 'Hand', 'Integers', 'JointLimits', 'Layout', 'Outline',
-    'Recording', 'Report', 'SensorConfig', 'Signals', 'Singles', 'Table', 'TaxelStatus', 'Twin',
-    'admit_name', 'as_shape', 'field_shape', 'groups_of', 'join',
+    'STATE_FIELDS', 'TRUTH_KEYS', 'Array', 'Bools', 'Bytes', 'Closing', 'Columns', 'Contact',
+    'ContactState', 'ContactStates', 'Device', 'Estimation', 'Estimator', 'Frame', 'FrameStatus',
+    'GripCommand', 'Integers', 'JointLimits', 'Layout', 'Outline', 'Recording', 'Report',
+    'SensorConfig', 'Signals', 'Singles', 'Table', 'TaxelStatus', 'Twin', 'admit_name', 'as_shape',
+    'field_shape', 'groups_of', 'join',
 ]  # fmt: skip

@@ -147,7 +147,6 @@ def _admitted(
 
 
 def _number(name: str, value: object, integer: bool, bounds: tuple[float, float]) -> float:
-    """One number between its bounds."""
     low, high = bounds
     fits = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
     if fits and integer:
@@ -231,7 +230,6 @@ def _all_texts(name: str, value: object, default: object) -> tuple[str, ...]:
 
 
 def _all_outlines(name: str, value: object) -> Outlines:
-    """Outlines as a tuple."""
     items = tuple(cast('Iterable[Outline]', value)) if isinstance(value, (tuple, list)) else None
     if items is None or not all(isinstance(item, Outline) for item in items):
         msg = f'{name} must be a tuple of Outline; received {" ".join(str(value).split())[:80]}'

@@ -121,7 +121,6 @@ def _blank(samples: int, taxels: int, contacts: int) -> dict[str, npt.NDArray[np
 
 @lru_cache(maxsize=64)
 def _blank_row(taxels: int, contacts: int) -> dict[str, npt.NDArray[np.generic]]:
-    """Nothing known of one frame."""
     return {name: column[0] for name, column in _blank(1, taxels, contacts).items()}
 
 
@@ -140,7 +139,6 @@ class ContactState(_StateFields):
         return state
 
     def __repr__(self) -> str:
-        """Contact, force and what else is estimated, in a line."""
         touch = {1: 'in contact', 0: 'untouched'}.get(int(self.in_contact), 'contact unknown')
         return f'ContactState({touch}; force {self.force} N; estimated: {self._estimated()})'
 
@@ -179,19 +177,15 @@ class ContactStates(_StateFields):
                 raise ValueError(msg)
 
     def __repr__(self) -> str:
-        """Count of frames and what is estimated, in a line."""
         touched = int((self.in_contact == 1).sum())
         counts = f'{len(self)} frames, {touched} in contact, {int(self.valid.sum())} valid'
         return f'ContactStates({counts}; estimated: {self._estimated()})'
 
     def __len__(self) -> int:
-        """Count of frames s."""
         return len(self.valid)
 
     def __getitem__(self, index: int) -> ContactState:
-        """State of one frame."""
         return ContactState(**{name: getattr(self, name)[index] for name in STATE_FIELDS})
 
     def __iter__(self) -> Iterator[ContactState]:
-        """States of the frames, one after the other."""
         return (self[i] for i in range(len(self)))

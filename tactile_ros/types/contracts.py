@@ -1,4 +1,4 @@
-"""Contracts of devices, twins, estimators and hands, and records that pass between them."""
+"""Contracts of devices, twins and estimators, and records that pass between them."""
 
 from __future__ import annotations
 
@@ -66,8 +66,8 @@ class Signals:
 
     def select(self, rows: slice, after_failure: bool = False) -> Signals:
         """Rows that follow one another; memory begins anew where the frame before failed."""
-        columns = {f.name: getattr(self, f.name) for f in fields(self)}
-        part = Signals(**{name: None if x is None else x[rows] for name, x in columns.items()})  # type: ignore[arg-type]
+        columns = {name: None if x is None else x[rows] for name, x in vars(self).items()}
+        part = Signals(**columns)  # type: ignore[arg-type]
         if not after_failure:
             return part
         return replace(part, restart=part.restart | (np.arange(len(part.restart)) == 0))
@@ -204,7 +204,6 @@ class JointLimits:
     effort: Array
 
     def __post_init__(self) -> None:
-        """Check once."""
         count = np.size(self.lower)
         for entry in fields(self):
             column = as_shape(f'{entry.name} of JointLimits', getattr(self, entry.name), (count,))
@@ -237,7 +236,6 @@ class Table:
     notes: tuple[str, ...] = ()  # sentences that stand below
 
     def __post_init__(self) -> None:
-        """Check the rows."""
         for row in self.rows:
             if len(row) != len(self.columns):
                 msg = f'rows of {self.title!r} must have {len(self.columns)} cells; received {row}'
@@ -255,11 +253,9 @@ class Closing:
         raise NotImplementedError
 
     def __enter__(self: Held) -> Held:
-        """Hold it; open already."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close."""
         self.close()
 
 
@@ -322,34 +318,3 @@ class Estimator(Protocol):
 
         Raises NotCalibratedError before a fit, ValueError if the number of features differs.
         """
-
-
-class CommandTopic(Protocol):
-    """A topic on which a hand's driver takes commands."""
-
-    @property
-    def name(self) -> str:
-        """Name of the topic."""
-
-    @property
-    def kind(self) -> str:
-        """Type of the message, such as 'sensor_msgs/msg/JointState'."""
-
-    def fill(self, message: object, command: GripCommand) -> None:
-        """Write a command into a fresh message of this kind."""
-
-
-class Hand(Protocol):
-    """Commands of a hand's driver, without a word of ROS."""
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Names of all joints, in the order of the command."""
-
-    @property
-    def limits(self) -> JointLimits:
-        """Bounds of the joints' motion and effort."""
-
-    @property
-    def topics(self) -> tuple[CommandTopic, ...]:
-        """Topics of the commands, in the order in which they are published."""

@@ -119,7 +119,6 @@ class Layout:
     serial: str = ''
 
     def __post_init__(self) -> None:
-        """Check shapes once, at the door."""
         positions = as_shape('positions of Layout', self.positions, (-1, 3))
         object.__setattr__(self, 'positions', positions)
         if self.rotations is not None:
@@ -134,7 +133,6 @@ class Layout:
         object.__setattr__(self, 'saturation', np.array(limits))
 
     def __repr__(self) -> str:
-        """Sensor, taxels and channels in a line."""
         channels = ', '.join(self.channels)
         size = f'{len(self.positions)} x {channels} ({self.unit})'
         return f'Layout({self.sensor or "sensor"}: {size})'
@@ -180,7 +178,6 @@ class Frame:
     averaged: int = 1
 
     def __post_init__(self) -> None:
-        """Refuse values that are no (t, c) table."""
         if np.ndim(self.values) != 2:
             msg = f'values of Frame must have shape (t, c); received {np.shape(self.values)}'
             raise ValueError(msg)
@@ -208,6 +205,5 @@ class Outline:
     bend: float | None = None
 
     def __post_init__(self) -> None:
-        """Check every loop once."""
         loops = tuple(as_shape(f'a loop of Outline {self.name}', x, (-1, 2)) for x in self.loops)
         object.__setattr__(self, 'loops', loops)

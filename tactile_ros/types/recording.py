@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -125,9 +125,9 @@ class Recording:
     truth: Columns = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        """Sensor, size, columns and truth in a line."""
-        names = [f.name for f in fields(self) if f.name not in ('layout', 'values', 'truth')]
-        columns = ', '.join(name for name in names if vars(self)[name] is not None)
+        inner = ('layout', 'values', 'truth')
+        known = [name for name, x in vars(self).items() if x is not None and name not in inner]
+        columns = ', '.join(known)
         truth = ', '.join(self.truth) or 'none'
         return f'Recording({len(self)} frames of {self.layout}; {columns}; truth: {truth})'
 
@@ -202,7 +202,6 @@ class Recording:
         )
 
     def __len__(self) -> int:
-        """Count of frames s."""
         return len(self.values)
 
     @property
@@ -215,13 +214,13 @@ class Recording:
 
     def select(self, rows: npt.NDArray[np.bool_] | npt.NDArray[np.int64] | slice) -> Recording:
         """Recording of some of the rows (mask, indices or slice over s), in their order."""
-        names = [f.name for f in fields(self) if f.name not in ('layout', 'truth')]
-        columns = {name: getattr(self, name) for name in names}
-        return Recording(
-            self.layout,
-            truth={key: value[rows] for key, value in self.truth.items()},
-            **{name: None if x is None else x[rows] for name, x in columns.items()},  # type: ignore[arg-type]
-        )
+        columns = {
+            name: None if x is None else x[rows]
+            for name, x in vars(self).items()
+            if name not in ('layout', 'truth')
+        }
+        truth = {key: value[rows] for key, value in self.truth.items()}
+        return replace(self, truth=truth, **columns)
 
     def frame(self, row: int) -> Frame:
         """Frame of one row, as a driver would have given it."""
