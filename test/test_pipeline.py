@@ -314,15 +314,6 @@ def test_the_tower_of_names_ends(tmp_path: Path) -> None:
     assert time.monotonic() - begin < 5.0
 
 
-def test_saving_over_a_file_that_is_open_elsewhere_keeps_it_whole(tmp_path: Path) -> None:
-    path = tmp_path / 'c.npz'
-    pipeline_of('grid_knn').save(path)
-    with path.open('rb') as old:
-        pipeline_of('ridge').save(path)
-        assert old.read()[:2] == b'PK'
-    assert SENSOR.load(path).estimators['force'] == 'ridge'
-
-
 TAXELS, CHANNELS = 2, 3
 SHAPE = (TAXELS, CHANNELS)
 REST = np.arange(6.0).reshape(SHAPE)
@@ -430,21 +421,6 @@ def bits_of(state: ContactState) -> FrameStatus:
 # ---------------------------------------------------------------- before a fit
 
 
-def test_an_unfitted_pipeline_runs_and_says_so() -> None:
-    pipeline = toy()
-    assert not pipeline.calibrated
-    assert pipeline.label_names == ()
-    for i in range(100):
-        state = pipeline.process(frame(REST, i * SECOND_NS))
-    assert bits_of(state) == FrameStatus.NOT_CALIBRATED | FrameStatus.NO_BASELINE
-    assert not state.valid
-    assert state.in_contact == -1
-    assert np.isnan(state.force).all()
-    assert state.contacts == []
-    # a baseline is never taken from the first frames
-    assert np.isnan(pipeline.baseline).all()
-
-
 def test_a_tare_before_a_fit_tells_contact_by_the_stated_noise() -> None:
     pipeline = toy()
     pipeline.tare([frame(REST)])
@@ -518,37 +494,6 @@ def test_tracking_is_put_to_use_in_that_comparison() -> None:
     assert np.nanmax(np.abs(with_it - without)) > NOISE
 
 
-def test_streams_of_one_batch_do_not_know_of_each_other() -> None:
-    pipeline = fitted()
-    parts = [stream(4), stream(5), stream(7), stream(4)]
-    names = ('values', 'stamp_ns', 'status', 'tare')
-    blank = {'status': np.zeros((60, TAXELS), np.uint8), 'tare': np.zeros(60, bool)}
-    columns = {
-        name: np.concatenate([blank.get(name) if getattr(p, name) is None else getattr(p, name)
-                              for p in parts])  # type: ignore[misc]
-        for name in names
-    }  # fmt: skip
-    whole = Recording.from_arrays(LAYOUT, stream=np.repeat([0, 1, 2, 0], 60), **columns)
-    together = pipeline.process_batch(whole)
-    for i, part in enumerate(parts):
-        alone = pipeline.process_batch(part)
-        for name in STATE_FIELDS:
-            one, other = getattr(together, name)[60 * i : 60 * i + 60], getattr(alone, name)
-            np.testing.assert_allclose(
-                np.asarray(one, float), np.asarray(other, float), rtol=0, atol=1e-9, err_msg=name
-            )
-
-
-def test_the_order_of_independent_frames_does_not_matter() -> None:
-    one = stream(11, 80, stamped=False)
-    one = Recording.from_arrays(LAYOUT, one.values, status=one.status)
-    order = np.random.default_rng(0).permutation(80)
-    pipeline = fitted()
-    straight, shuffled = pipeline.process_batch(one), pipeline.process_batch(one.select(order))
-    for name in STATE_FIELDS:
-        np.testing.assert_array_equal(getattr(straight, name)[order], getattr(shuffled, name))
-
-
 def test_a_batch_leaves_the_live_stream_alone() -> None:
     one, other = fitted(), fitted()
     recording = stream(1)
@@ -582,25 +527,6 @@ def test_frames_without_stamps_pass_memory_by() -> None:
     for row in range(len(recording)):
         one.process(loose)
         assert_same(one.process(recording.frame(row)), other.process(recording.frame(row)))
-
-
-@pytest.mark.parametrize('samples', [0, 1])
-@pytest.mark.parametrize('stamped', [True, False])
-def test_short_recordings(samples: int, stamped: bool) -> None:
-    stamp_ns = np.arange(samples) if stamped else None
-    short = Recording.from_arrays(
-        LAYOUT,
-        np.full((samples, *SHAPE), REST),
-        stamp_ns=stamp_ns,
-        stream=np.zeros(samples, int),
-        tare=np.ones(samples, bool),
-        truth={'force': np.zeros((samples, 3))},
-    )
-    for pipeline in (toy(), fitted(), toy().fit(short), toy().fit(lessons(), short)):
-        states = pipeline.process_batch(short)
-        states.refuse_misfit(TAXELS)
-        assert len(states) == samples
-        assert pipeline.process_batch(stream(0)).force.shape == (60, 3)
 
 
 # ---------------------------------------------------------------- baseline
@@ -649,15 +575,6 @@ def test_tare_rows_hold_inside_their_stream_only() -> None:
     )
     contact = fitted().process_batch(recording).in_contact
     assert contact.tolist() == [0, 0, 1, 0]
-
-
-def test_a_tare_row_counts_as_untouched_and_gets_a_state() -> None:
-    values = np.stack([REST - 4, REST + 4, REST])
-    recording = Recording.from_arrays(LAYOUT, values, tare=[True, True, False])
-    states = fitted().process_batch(recording)
-    assert states.in_contact.tolist() == [0, 0, 0]
-    assert states.valid.all()
-    np.testing.assert_array_equal(states.force, np.zeros((3, 3)))
 
 
 def test_a_tare_leaves_out_what_was_not_read() -> None:
@@ -718,15 +635,6 @@ def test_a_tare_that_read_nothing_leaves_the_baseline_as_it_was(track: bool) -> 
     assert fitted().process_batch(recording).in_contact.tolist() == [0, -1, 0, -1, -1, 0]
 
 
-def test_a_tare_needs_frames_of_the_sensor() -> None:
-    pipeline = fitted()
-    with pytest.raises(ValueError, match='at least one resting frame'):
-        pipeline.tare([])
-    with pytest.raises(ValueError, match=r'shape \(2, 3\).*received \(3, 2\)'):
-        pipeline.tare([frame(REST), frame(np.zeros((3, 2)))])
-    np.testing.assert_allclose(pipeline.baseline, REST)
-
-
 def test_a_fit_without_rest_uses_readings_as_they_are() -> None:
     recording = lessons(tare=None)
     pipeline = toy().fit(recording)
@@ -759,46 +667,6 @@ def test_tracking_follows_drift_live_and_reset_goes_back() -> None:
 # ---------------------------------------------------------------- untouched, faults
 
 
-def test_the_untouched_exert_nothing_and_are_nowhere() -> None:
-    states = fitted().process_batch(
-        Recording.from_arrays(LAYOUT, np.stack([REST, REST + 2]), stamp_ns=[0, 1])
-    )
-    assert states.in_contact.tolist() == [0, 1]
-    np.testing.assert_array_equal(states.force[0], np.zeros(3))
-    np.testing.assert_allclose(states.force_cov[0], 0.01 * np.eye(3))
-    assert np.isnan(states.position[0]).all()
-    assert np.isfinite(states.position[1]).all()
-    assert states.contacts_id[:, 0].tolist() == [-1, 0]
-    assert [len(state.contacts) for state in states] == [0, 1]
-
-
-@pytest.mark.parametrize(
-    ('values', 'status', 'flags', 'valid'),
-    [
-        (REST, None, FrameStatus(0), True),
-        (np.where(REST == 4, np.nan, REST), None, FrameStatus.BAD_TAXELS, False),
-        (np.where(REST == 4, -100.0, REST), None, FrameStatus.BAD_TAXELS | FrameStatus.SATURATED,
-         False),
-        (REST, [0, 1], FrameStatus.STALE, False),
-        (REST, [1, 1], FrameStatus.STALE, False),
-        (REST, [0, 2], FrameStatus.BAD_TAXELS | FrameStatus.SATURATED, False),
-        (REST, [0, 4], FrameStatus.BAD_TAXELS, False),
-        (REST, [16, 0], FrameStatus.BAD_TAXELS, False),
-    ],
-)  # fmt: skip
-def test_faults(
-    values: np.ndarray, status: list[int] | None, flags: FrameStatus, valid: bool
-) -> None:
-    bits = None if status is None else np.array(status, np.uint8)
-    state = fitted().process(frame(values, 0, status=bits))
-    assert bits_of(state) == flags
-    assert bool(state.valid) == valid
-    assert (state.in_contact == -1) == bool(flags & FrameStatus.BAD_TAXELS)
-    if FrameStatus.BAD_TAXELS in flags:
-        assert np.isnan(state.force).all()
-        assert state.contacts == []
-
-
 def test_an_id_lives_through_a_frame_that_cannot_tell() -> None:
     pipeline = fitted()
     lost = np.full(SHAPE, np.nan)
@@ -813,27 +681,6 @@ def test_a_tare_ends_the_touch() -> None:
     pipeline.tare([frame(REST)])
     assert int(pipeline.process(frame(np.full(SHAPE, np.nan), 1)).contacts_id[0]) == -1
     assert int(pipeline.process(frame(REST + 1, 2)).contacts_id[0]) == 1
-
-
-def test_shapes_are_refused_with_both_named() -> None:
-    pipeline = fitted()
-    other = Layout(np.zeros((3, 3)), ('Bx', 'By', 'Bz'), 'T')
-    foreign = Recording.from_arrays(other, np.zeros((4, 3, 3)))
-    with pytest.raises(ValueError, match=r'toy must have shape \(2, 3\).*received \(3, 3\)'):
-        pipeline.process(frame(np.zeros((3, 3))))
-    with pytest.raises(ValueError, match=r'received \(3, 3\)'):
-        pipeline.process_batch(foreign)
-    with pytest.raises(ValueError, match=r'received \(3, 3\)'):
-        pipeline.fit(lessons(), foreign)
-    with pytest.raises(ValueError, match='status of Frame'):
-        pipeline.process(frame(REST, status=np.zeros(1, np.uint8)))
-
-
-@pytest.mark.parametrize('limit', [None, np.inf, np.array([np.inf] * 3)])
-def test_a_sensor_that_never_clips(limit: float | np.ndarray | None) -> None:
-    layout = replace(LAYOUT, saturation=limit)  # type: ignore[arg-type]
-    state = toy(layout=layout).fit(lessons()).process(frame(REST + 1e6))
-    assert state.valid
 
 
 # ---------------------------------------------------------------- fit
@@ -989,21 +836,6 @@ def test_fit_on_rest_alone_learns_the_baseline_only(truth: dict[str, np.ndarray]
     assert pipeline.process(frame(REST + 1)).in_contact == 1
 
 
-def test_recordings_of_many_kinds_are_learned_together() -> None:
-    stamps = np.arange(200) * SECOND_NS
-    kinds = [
-        lessons(seed=1, stamp_ns=stamps),
-        lessons(seed=2, stream=np.arange(200) // 300),
-        lessons(seed=3, tare=None, truth={}),
-        lessons(seed=4, status=np.zeros((200, TAXELS)), temperature_c=np.full((200, 2), 25.0)),
-    ]
-    pipeline = toy().fit(*kinds)
-    assert pipeline.report['force']['rows'] == 3 * 199
-    np.testing.assert_allclose(
-        pipeline.process_batch(kinds[1]).force[1:], kinds[1].truth['force'][1:], atol=1e-9
-    )
-
-
 @pytest.mark.parametrize('drift', [0.0, 2.0])
 def test_drift_between_touches_with_forces_alone_hides_no_touch(drift: float) -> None:
     rng = np.random.default_rng(2)
@@ -1061,21 +893,6 @@ def test_sensors_without_classes_say_so() -> None:
 # ---------------------------------------------------------------- files
 
 
-@pytest.mark.parametrize('make', [toy, fitted])
-def test_saved_and_loaded_it_says_the_same(tmp_path: Path, make: object) -> None:
-    pipeline: Pipeline = make()  # type: ignore[operator]
-    pipeline.save(tmp_path / 'c.npz')
-    again = Pipeline.load(tmp_path / 'c.npz', 'toy', CLASSES)
-    assert again.digest == pipeline.digest
-    assert again.estimators == pipeline.estimators
-    assert again.report == pipeline.report
-    assert again.config.noise == NOISE
-    assert again.layout.channels == LAYOUT.channels
-    one, other = pipeline.process_batch(stream(7)), again.process_batch(stream(7))
-    for name in STATE_FIELDS:
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-
-
 @pytest.mark.parametrize('value', [np.nan, np.inf, 0.0, 1e308])
 def test_load_refuses_arrays_that_change_its_answers(tmp_path: Path, value: float) -> None:
     """Each array of numbers is replaced, and the file signed again as a hostile writer would."""
@@ -1102,16 +919,6 @@ def test_the_digest_is_of_what_was_learned() -> None:
     assert fitted().digest != toy().digest
     assert fitted().digest != toy().fit(lessons(seed=2)).digest
     assert fitted(ToyConfig(track_baseline=False)).digest != fitted().digest
-
-
-@settings(max_examples=5, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.sampled_from(['gripper', 'toy2', '']))
-def test_a_calibration_of_another_sensor_is_refused_with_both_named(
-    tmp_path: Path, sensor: str
-) -> None:
-    fitted().save(tmp_path / 'c.npz')
-    with pytest.raises(CalibrationError, match=f"must be of {sensor}; it is of 'toy'"):
-        Pipeline.load(tmp_path / 'c.npz', sensor, CLASSES)
 
 
 def test_a_sensor_may_say_itself_what_touches() -> None:

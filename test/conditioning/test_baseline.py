@@ -185,18 +185,6 @@ def test_nothing_is_followed_without(what: str) -> None:
     assert not held.any()
 
 
-@pytest.mark.parametrize(('size', 'followed'), [(0.99, True), (1.01, False)])
-@pytest.mark.parametrize('sign', [1, -1])
-def test_the_threshold_of_contact_is_the_threshold_of_rest(
-    size: float, followed: bool, sign: int
-) -> None:
-    values = np.zeros((50, *SHAPE))
-    values[:, 1, 2] = sign * size
-    tracker = BaselineTracker(np.zeros(SHAPE), TRACKING)
-    tracker.follow(values, np.arange(50) * PERIOD_NS // 5)
-    assert (tracker.baseline[1, 2] != 0) == followed
-
-
 def test_an_unknown_baseline_stays_unknown() -> None:
     start = np.array([[0.0, 0, 0], [0, np.nan, 0]])
     held = BaselineTracker(start, TRACKING).follow(
@@ -268,15 +256,6 @@ def test_baselines_of_a_recording_are_those_of_the_definition(
     np.testing.assert_allclose(found.levels, wanted, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(found.restart, again)
     np.testing.assert_array_equal(found.tare, tared)
-
-
-def test_stretches_shorter_than_a_period_are_left_alone() -> None:
-    values, stamp_ns = np.full((6, *SHAPE), 0.5), np.array([0, 50, 99, 0, 60, 120])
-    recording = Recording.from_arrays(
-        LAYOUT, values, stamp_ns=stamp_ns, stream=np.array([0, 0, 0, 1, 1, 1])
-    )
-    base = stream_baselines(recording, values, BaselineTracker(np.zeros(SHAPE), TRACKING)).levels
-    assert base[:, 0, 0].tolist() == [0, 0, 0, 0, 0, 0.25]
 
 
 SAMPLES = 200
@@ -398,19 +377,6 @@ def test_contact_is_told_only_where_it_can_be() -> None:
     assert rest.contact(delta, good, tare).tolist() == [0, 1, -1, 0, -1, 0]
     blind = Rest.unknown(SHAPE, None)
     assert blind.contact(delta, good, None).tolist() == [-1] * 6
-
-
-@pytest.mark.parametrize('noise', [0.1, None])
-def test_a_row_alone_is_told_as_among_others(noise: float | None) -> None:
-    rng = np.random.default_rng(11)
-    delta = rng.choice([0.0, 0.3, 0.5, 0.6, -0.6, np.nan], (200, *SHAPE), p=[0.4, *[0.12] * 5])
-    good = rng.random(200) < 0.8
-    rest = Rest.unknown(SHAPE, noise)
-    many = rest.contact(delta, good, None)
-    alone = [rest.contact(delta[[i]], good[[i]], None) for i in range(200)]
-    np.testing.assert_array_equal(np.concatenate(alone), many)
-    assert {one.dtype for one in alone} == {many.dtype}
-    assert set(many.tolist()) == ({-1, 0, 1} if noise else {-1})
 
 
 def test_no_touches_leave_the_noise_to_decide() -> None:

@@ -17,13 +17,6 @@ def pressed(samples: int, seed: int, power: float = 1.0) -> tuple[np.ndarray, np
     return np.round(output * 1023) / 1023, force
 
 
-@pytest.mark.parametrize('law', LAWS)
-def test_zero_output_is_zero_force(law: str) -> None:
-    u, force = pressed(200, 0)
-    fitted = Equilibration(law).fit(u, force, np.arange(200))
-    assert not fitted.forces(np.zeros((1, 4))).any()
-
-
 def test_a_divider_is_equilibrated_to_two_percent() -> None:
     u, force = pressed(300, 1)
     fitted = Equilibration().fit(u, force, np.arange(300))

@@ -112,33 +112,6 @@ def test_a_stamp_of_another_stream_may_lie_before() -> None:
     )
 
 
-def test_lost_frames_of_a_ramp_change_nothing() -> None:
-    stamp_ns = np.arange(200) * 100_000_000
-    change = 1e-9 * stamp_ns[:, None] * np.array([1.0, -2.0])
-    keep = np.random.default_rng(5).random(200) < 0.3
-    keep[[0, -1]] = True
-    restart = np.zeros(200, bool)
-    whole = FadingMemory(TAUS)(change, stamp_ns, restart)
-    thinned = FadingMemory(TAUS)(change[keep], stamp_ns[keep], restart[keep])
-    np.testing.assert_allclose(thinned, whole[keep], rtol=0, atol=1e-9)
-
-
-def test_rest_leaves_no_trace_of_its_length() -> None:
-    change, stamp_ns, _ = stream(50, 3, seed=6)
-    restart = np.zeros(50, bool)
-    prompt = FadingMemory(TAUS)(
-        np.r_[np.zeros((1, 3)), change], np.r_[0, stamp_ns], np.r_[True, restart]
-    )
-    rest_ns = np.arange(0, 60_000_000_000, 100_000_000)
-    late = FadingMemory(TAUS)(
-        np.r_[np.zeros((len(rest_ns), 3)), change],
-        np.r_[rest_ns - rest_ns[-1], stamp_ns],
-        np.zeros(len(rest_ns) + 50, bool),
-    )
-    assert not late[: len(rest_ns)].any()
-    np.testing.assert_allclose(late[len(rest_ns) :], prompt[1:], rtol=0, atol=1e-12)
-
-
 def test_a_held_change_is_reached() -> None:
     stamp_ns = np.array([0, 1, 10**12, 2 * 10**12])
     means = FadingMemory(TAUS)(np.ones((4, 1)), stamp_ns, np.zeros(4, bool))

@@ -86,17 +86,6 @@ def test_coverage_by_thirds_shows_what_cancels_overall() -> None:
     assert steep['middle third', 1].honest
 
 
-@pytest.mark.parametrize('groups', [3, 20, 200])
-def test_the_interval_holds_what_it_says(groups: int) -> None:
-    """Independent groups of one error each: 95 in 100 honest draws are accepted, or more."""
-    rng = np.random.default_rng(groups)
-    accepted = [
-        coverage(rng.normal(size=groups), np.ones(groups), np.arange(groups)).honest
-        for _ in range(300)
-    ]
-    assert np.mean(accepted) >= stats.binom.ppf(1e-4, 300, 0.95) / 300
-
-
 LAYOUT = Layout(np.zeros((5, 3)), ('Bx', 'By', 'Bz'), 'T')
 NOTHING = 'none of position, force_x, force_y, force_z, torque_x, torque_y, torque_z'
 

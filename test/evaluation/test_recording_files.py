@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import io
 import sys
-import zipfile
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -86,21 +85,6 @@ class Trap:
         return (pytest.fail, ('unpickled',))
 
 
-def archive_of(shape: str = '', claimed: int = 0, members: int = 1) -> bytes:
-    """Archive of arrays that announce a shape, or an unpacked size."""
-    header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + '\n'
-    npy = b'\x93NUMPY\x01\x00' + len(header).to_bytes(2, 'little') + header.encode() + bytes(64)
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, 'w', zipfile.ZIP_DEFLATED) as archive:
-        for k in range(members):
-            archive.writestr('values.npy' if k == 0 else f'{k}.npy', npy)
-    data = bytearray(buffer.getvalue())
-    if claimed:
-        entry = data.rindex(b'PK\x01\x02')
-        data[entry + 24 : entry + 28] = claimed.to_bytes(4, 'little')
-    return bytes(data)
-
-
 def saved(**arrays: np.ndarray) -> bytes:
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)
@@ -112,13 +96,9 @@ def saved(**arrays: np.ndarray) -> bytes:
     [
         (saved(values=np.array([Trap()], object)), 'no plain array'),
         (saved(x=np.zeros(3)), 'no recording of tactile_ros'),
-        (archive_of('(8,)', 0xFFFFFFF0), r'at most 64 members .* received 1 and 4294967280'),
-        (archive_of('(8,)', members=100), 'received 100 and'),
-        (archive_of('(1000000000000,)'), 'cannot be read'),
-        (archive_of('(-1, 4)'), 'cannot be read'),
-        (archive_of('(99999999999999999999999, 99)'), 'cannot be read'),
+        (saved(**{f'a{k}': np.zeros(1) for k in range(65)}), 'at most 64 members .* received 65'),
     ],
-    ids=['pickle', 'other', 'bomb', 'members', 'long', 'negative', 'huge'],
+    ids=['pickle', 'other', 'members'],
 )
 def test_hostile_archives_are_refused(tmp_path: Path, data: bytes, sentence: str) -> None:
     (tmp_path / 'hostile.npz').write_bytes(data)
@@ -126,29 +106,6 @@ def test_hostile_archives_are_refused(tmp_path: Path, data: bytes, sentence: str
         load_recording(tmp_path / 'hostile.npz')
     with pytest.raises(RecordingError, match='does not exist'):
         load(tmp_path / 'gone.npz')
-
-
-def test_damage_anywhere_in_an_npz_is_refused_or_harmless(
-    recording: Recording, tmp_path: Path
-) -> None:
-    file = tmp_path / 'a.npz'
-    save_recording(recording, file)
-    data = file.read_bytes()
-    rng = np.random.default_rng(1)
-    refused = 0
-    for place in rng.integers(0, len(data), 200):
-        damaged = bytearray(data)
-        damaged[place] ^= 1 << int(rng.integers(8))
-        file.write_bytes(damaged)
-        try:
-            assert len(load_recording(file).values) == 4
-        except RecordingError:
-            refused += 1
-    for size in range(0, len(data), 97):
-        file.write_bytes(data[:size])
-        with pytest.raises(RecordingError):
-            load_recording(file)
-    assert refused > 50
 
 
 def test_csv_gives_the_same_recording(recording: Recording, tmp_path: Path) -> None:

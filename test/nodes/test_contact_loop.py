@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import replace
-from functools import lru_cache
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tactile_ros.nodes.contact_loop import ContactLoop, TimeCheck
-from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import (
     STATE_FIELDS,
@@ -22,7 +20,6 @@ from tactile_ros.types import (
     Frame,
     FrameStatus,
     Layout,
-    Recording,
     Signals,
     TaxelStatus,
 )
@@ -232,28 +229,6 @@ def test_statistics_know_the_baseline_and_faulty_taxels() -> None:
     assert loop.statistics.faulty_taxels == [1, 3]
 
 
-@pytest.mark.parametrize('follows', [True, False])
-def test_a_held_touch_freezes_the_baseline_and_a_switch_stops_it(follows: bool) -> None:
-    spec = load_sensor('reskin_board')
-    recording = spec.recordings()['spatial'].select(slice(2000, 2600))
-    pipeline = spec.pipeline(estimator='ridge').fit(recording)
-    pipeline.config = replace(pipeline.config, track_baseline=follows)
-    pipeline.reset()
-    loop = ContactLoop(pipeline, 3, False, lambda _: None)
-    rest, count = pipeline.baseline.copy(), iter(range(10_000))
-
-    def hold(values: np.ndarray, seconds: int) -> set[int]:
-        frames = [next(count) for _ in range(10 * seconds)]
-        return {int(loop.process(Frame(k * 10**8, k, values)).in_contact) for k in frames}
-
-    hold(rest, 3)
-    assert hold(rest + 3e-3, 60) == {1}
-    np.testing.assert_array_equal(pipeline.baseline, rest)
-    assert hold(rest + 1e-6, 30) == {0}
-    moved = np.abs(pipeline.baseline - rest).max()
-    assert (5e-7 < moved < 1.01e-6) if follows else moved == 0.0
-
-
 def test_a_doubled_or_older_message_does_not_lift_the_guard() -> None:
     loop = Toy()
     loop.feed(0, 0, 0)
@@ -268,21 +243,6 @@ def test_a_doubled_or_older_message_does_not_lift_the_guard() -> None:
     loop.reset()
     loop.process(Frame(9, 9, np.full((1, 1), 5.0)))
     assert loop.tare()[0]
-
-
-def test_frames_that_waited_are_estimated_together_with_the_same_numbers() -> None:
-    spec = load_sensor('gradiometer')
-    recording = spec.presses(spec.config(), 0).select(slice(0, 400, 8))
-    frames = [recording.frame(k) for k in range(len(recording))]
-    frames = [replace(f, sequence=k, stamp_ns=k * 10_000_000) for k, f in enumerate(frames)]
-    frames[7] = replace(frames[7], status=np.full(4, TaxelStatus.STALE, np.uint8))
-    single, bulk = (ContactLoop(spec.pipeline(), 3, False, lambda _: None) for _ in range(2))
-    pieces = [frames[:1], frames[1:20], frames[20:21], frames[21:]]
-    together = [state for piece in pieces for state in bulk.process_all(piece)]
-    for frame, among in zip(frames, together, strict=True):
-        assert_same(among, single.process(frame), 1e-12)
-    assert single.statistics.frames == bulk.statistics.frames == len(frames)
-    assert single.tare() == bulk.tare()
 
 
 def assert_same(one: ContactState, other: ContactState, atol: float, without: str = ' ') -> None:
@@ -312,24 +272,12 @@ class Touchy(Estimation):
         return known
 
 
-@lru_cache
-def fitted(key: str) -> tuple[Pipeline, list[Frame]]:
-    """A pipeline whose forces depend on the past, and a hundred frames for it."""
-    spec = load_sensor(key)
-    if key == 'reskin_board':
-        recording = spec.recordings()['normal_1'].select(slice(0, 4000, 8))
-        pipeline = spec.pipeline(estimator='ridge').fit(recording)
-    else:
-        recording = spec.presses(spec.config(), 0).select(slice(0, None, 24))
-        pipeline = spec.pipeline().fit(recording)
+def test_a_frame_that_fails_is_an_error_and_memory_begins_anew() -> None:
+    spec = load_sensor('reskin_board')
+    recording = spec.recordings()['normal_1'].select(slice(0, 4000, 8))
+    pipeline = spec.pipeline(estimator='ridge').fit(recording)
     frames = [recording.frame(k) for k in range(100)]
     frames = [replace(f, sequence=k, stamp_ns=1 + 10**7 * k) for k, f in enumerate(frames)]
-    return pipeline, frames
-
-
-@pytest.mark.parametrize('key', ['reskin_board', 'taxel_array'])
-def test_a_frame_that_fails_is_an_error_and_memory_begins_anew(key: str) -> None:
-    pipeline, frames = fitted(key)
     failing = {10, 11, 40, 99}
     stamps = {frames[k].stamp_ns for k in failing}
     wanted: list[ContactState] = []
@@ -352,21 +300,3 @@ def test_a_frame_that_fails_is_an_error_and_memory_begins_anew(key: str) -> None
             assert_same(state, wanted[k], 1e-12, 'contacts_' if k in failing else ' ')
         assert other.failures == len(failing)
         assert 'cannot be estimated (LinAlgError: Singular matrix)' in said[0]
-    batch = copy(pipeline)
-    batch.estimation, batch.failures = Touchy(batch.estimation, stamps), 0
-    states = batch.process_batch(Recording.from_frames(pipeline.layout, frames))
-    assert batch.failures == len(failing)
-    rows = [k for k in range(len(frames)) if k not in failing]
-    for name in STATE_FIELDS:
-        column = np.stack([getattr(wanted[k], name) for k in rows])
-        np.testing.assert_allclose(getattr(states, name)[rows], column, rtol=1e-9, atol=1e-12)
-
-
-def test_a_frame_of_another_shape_is_refused() -> None:
-    pipeline, frames = fitted('reskin_board')
-    loop = ContactLoop(copy(pipeline), 3, True, lambda _: None)
-    loop.reset()
-    with pytest.raises(ValueError, match='shape'):
-        loop.process(replace(frames[0], values=np.zeros((7, 3))))
-    assert loop.pipeline.failures == 0
-    assert loop.process(frames[1]).valid

@@ -560,22 +560,3 @@ def test_sensor_node_reports_a_damaged_reading(
     assert not any(message.valid for message in marked)
     assert len(marked) + sensor.frames[-1].dropped >= 1
     assert len(sensor.frames) >= 12
-
-
-@pytest.mark.parametrize(
-    ('name', 'value', 'sentence'),
-    [
-        ('rate_hz', -1.0, 'out of range'),
-        ('rate_hz', 'fast', 'must be a number from'),
-        ('positions', [1.0, 2.0], 'must have shape (any, 3)'),
-        ('baud', 5, 'out of range'),
-        ('sensor', 'other', 'read-only'),
-    ],
-)
-def test_sensor_node_refuses_parameters_by_a_sentence(
-    ros: Ros, name: str, value: object, sentence: str
-) -> None:
-    ros.init()
-    result = ros.change(ros.add(SensorNode()), **{name: value})
-    assert not result.successful
-    assert sentence in result.reason

@@ -7,13 +7,9 @@ from __future__ import annotations
 
 import gc
 import inspect
-import re
-import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
@@ -25,7 +21,6 @@ import pytest
 
 from reference import grip_roads
 from tactile_ros.devices.reskin_protocol import encode
-from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.recording_files import LoadedRecording, load
 from tactile_ros.evaluation.replay import replay
 from tactile_ros.msg import TactileContacts
@@ -145,47 +140,6 @@ def test_both_live_roads_and_the_recording_itself_agree(
         alone = column(offline, name)[touched]
         np.testing.assert_allclose(nodes, one_process, rtol=0, atol=TOLERANCE, err_msg=name)
         np.testing.assert_allclose(nodes[touched], alone, rtol=0, atol=TOLERANCE, err_msg=name)
-
-
-def rows_on_disk(bag: str, at_least: int) -> int:
-    """Rows that a bag holds while it is still written, once they are enough."""
-    deadline = time.monotonic() + PATIENCE_S
-    rows = 0
-    while rows < at_least and time.monotonic() < deadline:
-        with suppress(RecordingError):  # it holds no frame yet
-            rows = len(load(bag).recordings[0].recording)
-    assert rows >= at_least
-    return rows
-
-
-def test_a_kill_leaves_a_bag_that_can_be_read(
-    tmp_path: Path, touches_file: Path, calibration: Path
-) -> None:
-    chosen = replace(setting(tmp_path, touches_file, calibration, stack=True), loop=True)
-    with Running(graph_of(chosen)) as running:
-        running.wait_for_line('player', 'played 120 rows', PATIENCE_S)
-        written = rows_on_disk(chosen.bag, at_least=61)
-        running.signal('record', signal.SIGKILL)
-        code = running.stop(['record'])['record']
-        assert code == -signal.SIGKILL
-        assert running.stop(['player', 'stack']) == {'player': 0, 'stack': 0}
-    found = load(chosen.bag)
-    loaded = found.recordings[0]
-    assert len(loaded.recording) >= written
-    assert np.isfinite(loaded.recording.values).all()
-    done = replay(loaded, load_sensor('reskin_board').load(calibration))
-    assert done.agreement.largest < TOLERANCE, done.agreement.worst
-
-
-def test_ctrl_c_is_a_clean_end(tmp_path: Path) -> None:
-    chosen = SensorSetup(
-        source='recorded', port=str(tmp_path / 'port'), bag=str(tmp_path / 'bag'), loop=True
-    )
-    with Running(sensing(chosen)) as running:
-        running.wait_for_line('contact_node', 'no calibration', PATIENCE_S)
-        codes = running.stop()
-    assert set(codes.values()) == {0}, running.lines
-    assert not {'Traceback', 'ERROR'} & set(re.findall(r'\w+', str(running.lines)))
 
 
 def test_ctrl_c_while_everything_still_loads_is_silent() -> None:

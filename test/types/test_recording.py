@@ -72,11 +72,6 @@ def test_streams_and_sessions_stay_apart() -> None:
     assert joined.truth['session'].tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]
 
 
-def test_many_streams_of_one_row_stay_apart() -> None:
-    one = recording(5, stream=np.arange(5))
-    assert join([one, one]).restarts.all()
-
-
 def test_nothing_joined_to_nothing() -> None:
     joined = join([recording(0), recording(0)])
     assert len(joined) == 0
@@ -157,22 +152,6 @@ def test_groups_of_independent_frames_do_not_depend_on_their_order() -> None:
     assert np.bincount(group).min() >= 9
     order = np.random.default_rng(0).permutation(95)
     np.testing.assert_array_equal(groups_of(frames.select(order))['group'], group[order])
-
-
-def test_joined_truth_of_every_key() -> None:
-    rng = np.random.default_rng(2)
-    shapes = {
-        'object_pose': (4, 4), 'force': (3,), 'torque': (3,), 'position': (3,),
-        'stray_field': (3,), 'taxel_force': (2,), 'deformation': (2,),
-    }  # fmt: skip
-    truth = {key: rng.integers(0, 2, (3, *shapes.get(key, ()))) for key in TRUTH_KEYS}
-    truth['object_pose'] = np.tile(np.eye(4), (3, 1, 1))
-    joined = join([recording(3, truth=truth), recording(1), recording(3, truth=truth)])
-    for key in set(TRUTH_KEYS) - {'session'}:
-        column = joined.truth[key]
-        np.testing.assert_array_equal(column[:3], truth[key])
-        np.testing.assert_array_equal(column[4:], truth[key])
-        assert (np.isnan(column[3]) if column.dtype.kind == 'f' else column[3] == -1).all()
 
 
 LAYOUT = Layout(np.zeros((2, 3)), ('Bx', 'By', 'Bz'), 'T')
