@@ -15,7 +15,7 @@ import math
 import re
 from bisect import bisect_right
 from collections import Counter
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -78,7 +78,7 @@ HORIZON_NS = 2_000_000_000
 MOST_WAITING = 8  # pieces of frames that wait for the log time to go on
 MOST_EARLY = 1000  # messages of truth that are kept until a frame is heard
 FOREVER = 1 << 62
-_COLUMNS = ('stamp_ns', 'sequence', 'temperature_c', 'status', 'stream', 'tare')
+_COLUMNS = ('values', 'stamp_ns', 'sequence', 'temperature_c', 'status', 'stream', 'tare')
 _DIGEST = re.compile(r'\b[0-9a-f]{64}\b')
 
 
@@ -522,19 +522,13 @@ class SensorBag:
 
 def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     """Write a recording with its layout and truth into one .npz; every array is kept as it is."""
-    arrays: Columns = {'recording_schema': np.array(SCHEMA), 'values': recording.values}
-    arrays.update({
-        f'layout_{item.name}': np.asarray(value)
-        for item in fields(Layout)
-        if (value := getattr(recording.layout, item.name)) is not None
-    })  # fmt: skip
-    arrays.update({
-        name: np.asarray(column)
-        for name in _COLUMNS
-        if (column := getattr(recording, name)) is not None
-    })  # fmt: skip
-    arrays.update({f'truth_{key}': value for key, value in recording.truth.items()})
-    save_arrays(arrays, path)
+    columns = {
+        'recording_schema': SCHEMA,
+        **{name: column for name, column in vars(recording).items() if name in _COLUMNS},
+        **{f'layout_{name}': value for name, value in vars(recording.layout).items()},
+        **{f'truth_{key}': value for key, value in recording.truth.items()},
+    }
+    save_arrays({name: np.asarray(x) for name, x in columns.items() if x is not None}, path)
 
 
 def save_arrays(arrays: Columns, path: str | os.PathLike[str]) -> Path:
@@ -563,18 +557,12 @@ def load_recording(path: str | os.PathLike[str]) -> Recording:
     def named(prefix: str) -> Columns:
         return {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}
 
-    given = named('layout_')
+    given = {name: x if x.ndim else x.item() for name, x in named('layout_').items()}
+    columns = {name: arrays.get(name) for name in _COLUMNS}
     try:
-        layout = Layout(
-            positions=cast('Array', given['positions']),
-            channels=tuple(str(name) for name in given['channels']),
-            rotations=cast('Array | None', given.get('rotations')),
-            saturation=cast('Array | None', given.get('saturation')),
-            rate_hz=float(given['rate_hz'].item()),
-            **{name: str(given[name].item()) for name in ('unit', 'frame_id', 'sensor', 'serial')},
-        )
-        columns = {name: arrays.get(name) for name in _COLUMNS}
-        return Recording.from_arrays(layout, arrays['values'], truth=named('truth_'), **columns)
+        channels = tuple(str(name) for name in given.pop('channels'))
+        layout = Layout(channels=channels, **given)
+        return Recording.from_arrays(layout, truth=named('truth_'), **columns)
     except (ValueError, KeyError, TypeError, IndexError) as err:
         msg = f'{file} is no recording: {err}'
         raise RecordingError(msg) from err

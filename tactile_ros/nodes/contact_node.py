@@ -196,11 +196,7 @@ class ContactNode(ManagedNode):
             except ValueError as err:
                 self.loop.statistics.refused += 1
                 self._complain(f'{err}; the calibration is of {self._pipeline.sensor}')
-        try:
-            self.take(frames, message.header.frame_id)
-        except Exception as err:  # frames that cannot be estimated end nothing
-            self.loop.statistics.refused += len(frames)
-            self._complain(f'frame {frames[0].sequence} failed: {type(err).__name__}: {err}')
+        self.take(frames, message.header.frame_id)
 
     def take(self, frames: Sequence[Frame], frame_id: str) -> None:
         """Process the next frames and publish for whoever listens."""

@@ -179,7 +179,7 @@ class Reader:
         Takes every frame once and in order: those that came together, one at a time from a queue.
     complain : callable
         Takes a sentence whenever the reason why nothing comes changes.
-    ready : callable or None
+    ready : callable
         Nothing is read before it returns True: whoever must see the first frame is there.
     queue : int
         Frames that may wait for `deliver`, which has a thread of its own then; 0: the reader's.
@@ -193,7 +193,7 @@ class Reader:
         device: Device,
         deliver: Callable[[Sequence[Frame]], None],
         complain: Callable[[str], None],
-        ready: Callable[[], bool] | None = None,
+        ready: Callable[[], bool] = lambda: True,
         queue: int = 0,
         kept_back_s: float = 0.0,
         nominal_hz: float = nan,
@@ -236,8 +236,8 @@ class Reader:
     def _run(self) -> None:
         """Open, wait for the listeners, read, and hand on what has come."""
         self._await_device()
-        self.diagnostics.waiting = self._ready is not None
-        while self._ready is not None and not self._ready():
+        self.diagnostics.waiting = True
+        while not self._ready():
             if self._stop.wait(0.01):
                 return
         self.diagnostics.waiting = False

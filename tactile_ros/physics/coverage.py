@@ -161,26 +161,6 @@ def area_share(area: Array, whole: Array, law: Array) -> Array:
     return np.asarray(np.maximum(area_current(part, law) / area_current(whole, law), LEAST))
 
 
-def raster(loops: Sequence[Array], x: Array, y: Array) -> Array:
-    """1 where a node (y, x) lies inside the loops, 0 elsewhere, by crossings of each line.
-
-    Examples
-    --------
-    >>> square = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
-    >>> raster([square], np.array([0.5, 1.5]), np.array([0.5])).tolist()
-    [[1.0, 0.0]]
-    """
-    start = np.concatenate(list(loops))
-    end = np.concatenate([np.roll(loop, -1, axis=0) for loop in loops])
-    inside = np.zeros((len(y), len(x)))
-    for i, level in enumerate(y):
-        spans = (start[:, 1] > level) != (end[:, 1] > level)
-        a, b = start[spans], end[spans]
-        crossings = np.sort(a[:, 0] + (level - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b - a)[:, 0])
-        inside[i] = np.searchsorted(crossings, x) % 2
-    return inside
-
-
 def _soft_raster(loops: Sequence[Array], x: Array, y: Array, pitch: float) -> Array:
     """Part of each node's cell (y, x) that lies inside: exact along x, in lines across y."""
     start = np.concatenate(list(loops))
@@ -395,8 +375,8 @@ def _picture(loops: Sequence[Array], centre: Array) -> Array:
     """Square picture of what loops enclose about a centre, with soft edges."""
     about = [loop - centre for loop in loops]
     span = float(np.linalg.norm(np.concatenate(about), axis=1).max())
-    grid = np.linspace(-span, span, 241)
-    return _blur(raster(about, grid + 1e-7 * span, grid + 1e-7 * span), 2.0)
+    grid, pitch = np.linspace(-span, span, 241, retstep=True)
+    return _blur(_soft_raster(about, grid, grid, float(pitch)), 2.0)
 
 
 def _change(picture: Array, turn: float) -> float:
@@ -456,8 +436,8 @@ def _parts(loops: Sequence[Array], centre: Array, count: int) -> Array:
     low, size = corners.min(axis=0), np.ptp(corners, axis=0)
     pitch = float(np.sqrt(np.prod(size) / (FINE * count)))
     x, y = (low[i] + pitch * (np.arange(np.ceil(size[i] / pitch)) + 0.5) for i in (0, 1))
-    row, column = np.nonzero(raster(loops, x, y))
-    fine = np.column_stack([x[column], y[row]])
+    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    fine = grid[inside(loops, grid)]
     if len(fine) < count:
         return fine.mean(axis=0)[None] if len(fine) else centre[None]
     parts = [fine]

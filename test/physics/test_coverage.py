@@ -10,7 +10,6 @@ from tactile_ros.physics.coverage import (
     area_share,
     inside,
     part_pressure,
-    raster,
     read_parts,
     tube_fields,
     washer,
@@ -36,13 +35,6 @@ def test_a_triangle_and_a_turned_square() -> None:
     diamond = np.array([[1, 0], [0, 1], [-1, 0], [0, -1.0]])
     wanted = np.abs(points).sum(axis=1) < 1
     np.testing.assert_array_equal(inside([diamond], points), wanted)
-
-
-def test_raster_is_that_of_its_points() -> None:
-    x, y = np.linspace(-3, 3, 31) + 1e-3, np.linspace(-3, 3, 23) + 1e-3
-    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    wanted = inside([SQUARE, HOLE], points).reshape(23, 31)
-    np.testing.assert_array_equal(raster([SQUARE, HOLE], x, y), wanted)
 
 
 def test_a_tube_sinks_in_by_what_its_circle_lies_below_its_chord() -> None:

@@ -88,12 +88,6 @@ class TestConfig:
         names = {field.name for field in dataclasses.fields(load_sensor(key).config())}  # type: ignore[arg-type]
         assert names == COMMON | FIELDS[key]
 
-    def test_numbers_have_units_and_ranges(self, key: str) -> None:
-        for field in dataclasses.fields(load_sensor(key).config()):  # type: ignore[arg-type]
-            if any(kind in str(field.type) for kind in ('float', 'Array')):
-                assert field.metadata['unit'], field.name
-                assert field.metadata['range'], field.name
-
     def test_layout_is_that_of_the_public_face(self, key: str) -> None:
         spec = load_sensor(key)
         taxels, channels, unit, _ = PAPERS[key]
@@ -106,36 +100,6 @@ class TestConfig:
         turn = np.array([[[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]] * taxels)
         turned = dataclasses.replace(spec.config(), rotations=turn)  # type: ignore[type-var]
         np.testing.assert_array_equal(spec.layout(turned).rotations, turn)
-
-    @pytest.mark.parametrize(
-        ('name', 'value'),
-        [
-            ('positions', np.zeros((0, 3))),
-            ('positions', 'hello'),
-            ('rotations', np.zeros((99, 3, 3))),
-            ('saturation', -1.0),
-            ('saturation', np.ones(7)),
-            ('noise', np.nan),
-            ('rate_hz', 0.0),
-            ('rate_hz', '100'),
-            ('track_baseline', 'no'),
-        ],
-    )
-    def test_what_cannot_be_is_refused(self, key: str, name: str, value: object) -> None:
-        with pytest.raises(ValueError, match=rf'^{name} of \w+Config must .*; received'):
-            dataclasses.replace(load_sensor(key).config(), **{name: value})  # type: ignore[type-var]
-
-    def test_ranges_of_every_number_are_held(self, key: str) -> None:
-        config = load_sensor(key).config()
-        for field in dataclasses.fields(config):  # type: ignore[arg-type]
-            low, high = field.metadata.get('range', (-np.inf, np.inf))
-            if not np.isfinite(low) or field.name in ('saturation', 'noise'):
-                continue
-            for value in (low - 1.0, 2 * high + 1.0):
-                wrong = np.full(np.shape(getattr(config, field.name)), value)
-                changed = {field.name: wrong if wrong.ndim else value}
-                with pytest.raises(ValueError, match=rf'^{field.name} of \w+Config must'):
-                    dataclasses.replace(config, **changed)  # type: ignore[type-var]
 
     def test_its_parameter_file_names_fields_only(self, key: str) -> None:
         spec = load_sensor(key)
