@@ -45,16 +45,10 @@ class NodeOptions(Options):
 
 
 @dataclass(frozen=True)
-class OneSensorOptions(NodeOptions):
-    """Parameters of every node of one sensor."""
-
-    sensor: str = parameter('reskin_board', 'key of the sensor', read_only=True)
-
-
-@dataclass(frozen=True)
-class SensorOptions(OneSensorOptions):
+class SensorOptions(NodeOptions):
     """Parameters of sensor_node besides those of the sensor's config and connection."""
 
+    sensor: str = parameter('reskin_board', 'key of the sensor', read_only=True)
     frame_id: str = parameter(
         '', 'name of the sensor frame in tf; empty: tactile_sensor, or after the namespace'
     )
@@ -95,9 +89,10 @@ class SensorOptions(OneSensorOptions):
 
 
 @dataclass(frozen=True)
-class ContactOptions(OneSensorOptions):
+class ContactOptions(NodeOptions):
     """Parameters of contact_node besides those of the sensor's config."""
 
+    sensor: str = parameter('reskin_board', 'key of the sensor', read_only=True)
     calibration: str = parameter('', 'calibration file (.npz); empty: not calibrated')
     tare_frames: int = parameter(10, 'frames that a tare averages', range=(1, 10_000), live=True)
     allow_tare_in_contact: bool = parameter(

@@ -216,9 +216,8 @@ def test_a_frame_that_fails_costs_itself_alone(
         fail_at(monkeypatch, fitted, stamps)
     slow = replay(loaded, deepcopy(fresh))
     (answer,) = evaluate_bag(tmp_path / 'bag', {'c': fresh})[0].answers
-    said = '5 frames cannot be estimated and count as lost (LinAlgError: Singular matrix)'
-    assert said in slow.problems
-    assert said in answer.problems
+    for problems in (slow.problems, answer.problems):
+        assert problems[0].startswith('5 frames cannot be estimated and count as lost (')
     assert np.flatnonzero(~slow.states.valid).tolist() == failing
     assert (slow.states.taxel_status[failing] & TaxelStatus.ERROR).all()
     assert np.isfinite(answer.us_single)
