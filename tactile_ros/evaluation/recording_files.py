@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -557,12 +557,14 @@ def load_recording(path: str | os.PathLike[str]) -> Recording:
     def named(prefix: str) -> Columns:
         return {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}
 
-    given = {name: x if x.ndim else x.item() for name, x in named('layout_').items()}
+    given: dict[str, Any] = {
+        name: x if x.ndim else x.item() for name, x in named('layout_').items()
+    }
     columns = {name: arrays.get(name) for name in _COLUMNS}
     try:
         channels = tuple(str(name) for name in given.pop('channels'))
         layout = Layout(channels=channels, **given)
-        return Recording.from_arrays(layout, truth=named('truth_'), **columns)
+        return Recording.from_arrays(layout, truth=named('truth_'), **columns)  # type: ignore[arg-type]
     except (ValueError, KeyError, TypeError, IndexError) as err:
         msg = f'{file} is no recording: {err}'
         raise RecordingError(msg) from err

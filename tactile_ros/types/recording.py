@@ -220,7 +220,7 @@ class Recording:
             if name not in ('layout', 'truth')
         }
         truth = {key: value[rows] for key, value in self.truth.items()}
-        return replace(self, truth=truth, **columns)
+        return replace(self, truth=truth, **columns)  # type: ignore[arg-type]
 
     def frame(self, row: int) -> Frame:
         """Frame of one row, as a driver would have given it."""
