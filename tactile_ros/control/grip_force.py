@@ -286,10 +286,12 @@ class GripForce:
             if abs(made - law.command) > SAME:
                 law.yield_to(made, dt)
 
-    def stop(self, why: str) -> None:
-        """End the grasp where the hand is, for a reason: what is held stays held."""
-        if self.phase in GRASPING:
-            self.fault = why
+    def tare(self, finger: int) -> None:
+        """Stop where the hand is if a finger that holds was tared: its force is none now."""
+        if self.phase in HOLDING and self._used[finger]:
+            self.fault = (
+                f'{self.names[finger]} was tared while it holds: its sensor cannot be trusted'
+            )
 
     def shortfalls(self) -> list[str]:
         """Fingers that take part and do not press what they are asked for, each with why."""

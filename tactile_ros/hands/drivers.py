@@ -75,8 +75,12 @@ class HandDriver:
     )
     command_topic: str = text_of('', 'topic of commands; empty: the name that the driver ships')
     state_topic: str = text_of('', 'topic of joint states; empty: the name that the driver ships')
+    description_topic: str = text_of('robot_description', 'topic of the URDF of the hand')
     controller: str = text_of(
         '', 'controller whose parameter `joints` tells the order of the command; empty: as shipped'
+    )
+    tip_offset: float = number(
+        0.0, 'by which the tips are longer than levers and robot_description say', 'm', -0.05, 0.05
     )
 
     def __post_init__(self) -> None:
@@ -115,6 +119,21 @@ class HandDriver:
     def states(self) -> str:
         """Topic of joint states."""
         raise NotImplementedError
+
+    @property
+    def description(self) -> str:
+        """Topic of the description."""
+        return self.description_topic
+
+    @property
+    def activation(self) -> str:
+        """Advice where nothing takes the commands."""
+        if not self.controller:
+            return 'start the driver of the hand, or tell its topic (command_topic)'
+        name = self.controller.rsplit('/', 1)[-1]
+        other = name.replace('_effort', '')  # which the launch of a Plexus activates
+        instead = f' --deactivate {other}' if other != name else ''
+        return f'ros2 control switch_controllers --activate {name}{instead}'
 
     def paced(self, rate_hz: float) -> HandDriver:
         """The same driver for commands at a rate (Hz)."""
@@ -408,6 +427,9 @@ class AllegroV5(HandDriver):
         1.0, 'torque per unit of `effort` in joint states; 0: it tells none', 'N m', 0.0, 1e3
     )
     number: int = whole(0, 'number in allegroHand_<number>', 0, 99)
+    description_topic: str = text_of(
+        '/allegro_hand_description', 'topic of the URDF of the hand; {number} stands for its number'
+    )
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
@@ -424,6 +446,11 @@ class AllegroV5(HandDriver):
     def states(self) -> str:
         """Joint states of the vendor's node; effort is what it commands."""
         return self.state_topic or f'/allegroHand_{self.number}/joint_states'
+
+    @property
+    def description(self) -> str:
+        """Topic of the vendor's robot_state_publisher."""
+        return self.description_topic.replace('{number}', str(self.number))
 
     def fill(self, message: JointStateMessage, command: GripCommand) -> None:
         """Write all 16 names and positions."""

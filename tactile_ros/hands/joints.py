@@ -342,7 +342,7 @@ def _path(hand: HandDescription, name: str, robot: RobotDescription | None) -> P
     finger, limits, place = hand.fingers[name], hand.driver.limits, hand.places(name)
     if robot is None or not robot.has_link(finger.frame):
         return Path(finger)
-    chain = robot.chain(finger.frame, finger.joints)
+    chain = robot.chain(finger.frame, finger.joints, hand.driver.tip_offset)
     return PadNormal(finger, chain, limits.lower[place], limits.upper[place])
 
 
@@ -353,20 +353,25 @@ class HandWatch:
     ----------
     joints : sequence of str, length j
         Names, for sentences.
-    slack : ndarray, shape (j,)
-        Motion that tells nothing.
+    velocity, slack : ndarray, shape (j,)
+        Fastest motion (1/s), and motion that tells nothing.
     patience_s : float
         A hand has moved so long after a command (s), or never will.
 
     Notes
     -----
     Frozen are joints that are all the same to the last bit while a command went further than the
-    slack: encoders of a hand that is blocked flicker, and of many joints one gives way.
+    slack: encoders of a hand that is blocked flicker, and of many joints one gives way. Two
+    sources of joint states make them jump there and back, faster than any joint moves.
     """
 
-    def __init__(self, joints: Sequence[str], slack: Array, patience_s: float) -> None:
-        self._joints, self._slack, self._patience_s = list(joints), slack, patience_s
-        self._still = np.full(len(self._joints), nan)
+    def __init__(
+        self, joints: Sequence[str], velocity: Array, slack: Array, patience_s: float
+    ) -> None:
+        self._joints, self._velocity, self._slack = list(joints), velocity, slack
+        self._patience_s = patience_s
+        self._still = self._jump = np.full(len(self._joints), nan)
+        self._taken_s = self._jumped_s = self._torn_s = -inf
         self.forget()
 
     def forget(self) -> None:
@@ -374,10 +379,27 @@ class HandWatch:
         self._sent = self._before = self._apart = np.full(len(self._joints), nan)
         self._led_s = inf
 
-    def take(self, measured: Array) -> None:
-        """Take in joint positions (j,)."""
-        if not np.array_equal(self._still, measured):
-            self._still, self._before, self._led_s = measured.copy(), self._sent, inf
+    def take(self, measured: Array, now_s: float) -> None:
+        """Take in joint positions (j,) of a time (s)."""
+        moved, since_s = measured - self._still, max(now_s - self._taken_s, 0.0)
+        self._taken_s = now_s
+        if not moved.any():
+            return
+        self._still, self._before, self._led_s = measured.copy(), self._sent, inf
+        if (np.abs(moved) > self._slack + self._velocity * since_s).any():
+            if now_s - self._jumped_s <= self._patience_s and moved @ self._jump < 0.0:
+                self._torn_s = now_s
+            self._jump, self._jumped_s = moved, now_s
+
+    def torn(self, now_s: float) -> str:
+        """Judge whether joint states jump there and back, in a sentence; empty: no."""
+        if now_s - self._torn_s > self._patience_s:
+            return ''
+        worst = int(np.abs(self._jump).argmax())
+        return (
+            f'{self._joints[worst]} jumps there and back by {abs(self._jump[worst]):.3f}: two '
+            'sources publish its joint states'
+        )
 
     def send(self, command: Array, now_s: float) -> None:
         """Take in a command (j,) that is sent at a time (s)."""

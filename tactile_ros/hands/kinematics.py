@@ -205,7 +205,30 @@ class RobotDescription:
         taken[:, 2:] = np.minimum(taken[:, 2:], other[:, 2:])
         return JointLimits(*taken.T)
 
-    def chain(self, frame: str, joints: tuple[str, ...]) -> Chain:
+    def _above_link(self, link: str) -> list[Joint]:
+        """Joints from the root down to a link."""
+        path: list[Joint] = []
+        while link in self._above and len(path) <= len(self._above):
+            path.insert(0, self._above[link])
+            link = path[0].parent
+        return path
+
+    def tip(self, joints: tuple[str, ...], position: Array) -> Array:
+        """Place (3,) in the root of the link that is fixed farthest below the last of joints (n,).
+
+        Joints of others are at 0; NaN where these are no chain.
+        """
+        fixed = {j.parent: j.child for j in self.joints.values() if j.kind == 'fixed'}
+        link = self.joints[joints[-1]].child
+        for _ in fixed:
+            link = fixed.get(link, link)
+        path = self._above_link(link)
+        if not {joint.name for joint in path} >= set(joints):
+            return np.full(3, np.nan)
+        place: Array = Chain(tuple(path), joints).pose_and_jacobian(position)[0][:3, 3]
+        return place
+
+    def chain(self, frame: str, joints: tuple[str, ...], tip_offset: float = 0.0) -> Chain:
         """Joints that lie between the finger's base and a link.
 
         Parameters
@@ -214,6 +237,8 @@ class RobotDescription:
             Link of the pad.
         joints : tuple of str
             Joints of the finger, in its own order.
+        tip_offset : float
+            By which the pad lies farther from the last of them than described (m).
 
         Returns
         -------
@@ -228,16 +253,12 @@ class RobotDescription:
         if frame not in self._above:
             msg = f'frame must be a link of robot_description below a joint; received {frame!r}'
             raise ValueError(msg)
-        path: list[Joint] = []
-        link = frame
-        while link in self._above and len(path) <= len(self._above):
-            path.insert(0, self._above[link])
-            link = path[0].parent
+        path = self._above_link(frame)
         driven = [i for i, j in enumerate(path) if j.name in joints]
         if {path[i].name for i in driven} != set(joints):
             msg = f'the joints above link {frame} of robot_description must include {joints}'
             raise ValueError(msg)
-        return Chain(tuple(path[driven[0] :]), joints)
+        return Chain(tuple(path[driven[0] :]), joints, tip_offset)
 
 
 @dataclass(frozen=True)
@@ -250,10 +271,13 @@ class Chain:
         From the base to the pad.
     joints : tuple of str
         Names of those that a position is given for.
+    tip_offset : float
+        By which the pad lies farther from the last of them (m).
     """
 
     path: tuple[Joint, ...]
     joints: tuple[str, ...]
+    tip_offset: float = 0.0
 
     def pose_and_jacobian(self, position: Array) -> tuple[Array, Array]:
         """Pose of the pad in the base, and how its origin moves.
@@ -287,6 +311,8 @@ class Chain:
             else:
                 step[:3, :3] = turn_about(joint.axis, value)
             pose = pose @ step
+        along = pose[:3, 3] - columns[-1][3] if columns else np.zeros(3)
+        pose[:3, 3] += along * (self.tip_offset / (float(np.linalg.norm(along)) or 1.0))
         jacobian = np.zeros((3, len(self.joints)))
         for index, factor, axis, origin, slides in columns:
             moved = axis if slides else np.cross(axis, pose[:3, 3] - origin)

@@ -89,7 +89,8 @@ class GripLoop:
                 f'received {config.rate_hz:g}'
             )
             raise ValueError(msg)
-        self.hand, self.config = hand, config
+        self.hand = hand = hand.lengthened()
+        self.config = config
         self.fingers, names = taking_part(hand, fingers)
         drives = list(dict.fromkeys(names))
         self._drive_of = [drives.index(name) for name in names]
@@ -106,7 +107,7 @@ class GripLoop:
         ]
         self._guard = self._joints.guard
         reaction = config.stale_age + config.dead_time + config.lag
-        self._watch = HandWatch(hand.driver.joints, self._guard.slack, reaction)
+        self._watch = HandWatch(hand.driver.joints, limits.velocity, self._guard.slack, reaction)
         self._sequence: GraspSequence | None = None
         self._keeping = Keeping()
         count = len(self.fingers)
@@ -121,6 +122,7 @@ class GripLoop:
         self._measured_s = self._stepped_s = self._sent_s = -inf
         self._least_s = LEAST_SPACE / hand.driver.fastest_hz
         self._lost_s = self._unsent_s = 0.0
+        self._held_ns = inf  # stamp of the step from which on something is held
         self._has_moved = False
         self.sent = np.full(len(hand.driver.joints), nan)
 
@@ -155,6 +157,11 @@ class GripLoop:
         self._sigma[finger] = sqrt(variance) if variance > 0.0 else nan
         self._touched_s[finger], self._new[finger] = measured_s, True
 
+    def take_tare(self, finger: int, stamp_ns: int) -> None:
+        """Take in that a finger was tared at a stamp (ns); before the hold it may be."""
+        if stamp_ns > self._held_ns:
+            self.law.tare(finger)
+
     def take_joints(
         self, position: Array, measured_s: float, effort: Array | None = None
     ) -> None:
@@ -164,7 +171,7 @@ class GripLoop:
         # joints that are the same to the last bit were not measured anew
         self._has_moved = before is None or not np.array_equal(before, position)
         self._closure = self._joints.closures_of(position)
-        self._watch.take(position)
+        self._watch.take(position, measured_s)
 
     @property
     def missing(self) -> list[str]:
@@ -285,6 +292,7 @@ class GripLoop:
         if np.isfinite(self.sent).all():
             self._joints.take_effort(lead, self._effort)
         made = self.law.step(self._given(now_s, hindered, lead), dt)
+        self._held_ns = min(self._held_ns, stamp_ns) if self.law.phase in HOLDING else inf
         command, limited, refusal = None, made.limited, blocked or made.refusal
         if self._measured is None:
             refusal = refusal if blocked else 'no joint states of the hand have come'
@@ -336,6 +344,9 @@ class GripLoop:
         """Obstacle to commands, by the joint states of the hand; empty: there is none."""
         if self._measured is None or self.law.phase == GripPhase.IDLE:
             return ''
+        torn = self._watch.torn(now_s)
+        if torn:
+            return torn
         paused = now_s - self._sent_s > self.config.stale_age
         strayed = self._watch.strayed() if paused else ''
         if strayed:

@@ -11,7 +11,7 @@ from operator import mul
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import GetParameters
 from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -33,7 +33,7 @@ from tactile_ros.hands.drivers import (
 )
 from tactile_ros.hands.kinematics import RobotDescription
 from tactile_ros.messages import packed, stamp_ns, vector
-from tactile_ros.msg import GripState, TactileContacts
+from tactile_ros.msg import GripState, TactileContacts, TactileFrame
 from tactile_ros.nodes.grasp_server import GraspServer
 from tactile_ros.nodes.grip_loop import LATE, GripLoop, StampAge, StepTrigger
 from tactile_ros.nodes.lifecycle import ManagedNode, diagnostic, qos
@@ -131,7 +131,8 @@ class HandLink:
         self._learn = learn
         self._order: Integers | None = None
         self._described = learn is None
-        self._why_no_description = 'robot_description has not come' if wait else ''
+        self._misfit = ''
+        self._why_no_description = f'{hand.driver.description} has not come' if wait else ''
         self._why_no_order = f'{hand.driver.controller} does not tell the order of its joints yet'
         driver = hand.driver
         # one message for all commands: a fresh one costs as much as the law
@@ -143,25 +144,37 @@ class HandLink:
             node.create_subscription(JointState, driver.states, self._on_states, sensed())
         ]
         if learn is not None:
+            latched = qos('robot_description')
             self._heard.append(
-                node.create_subscription(
-                    String, 'robot_description', self._on_description, qos('robot_description')
-                )
+                node.create_subscription(String, driver.description, self._on_description, latched)
             )
         self._client = self._timer = self._asked = None
-        self._waited = 0
+        self._waited, self._activity = 0, ''
         if driver.controller:
             name = f'{driver.controller}/get_parameters'
             self._client = node.create_client(GetParameters, name)
             self._timer = node.steady_timer(ASK_PERIOD_S, self._ask)
             self._ask()
+            self._heard.append(
+                node.create_subscription(DiagnosticArray, '/diagnostics', self._on_activity, 10)
+            )
         else:
             self._order = np.arange(len(driver.joints))
 
     @property
     def blocked(self) -> str:
         """Reason for sending nothing yet; empty: there is none."""
-        return self._why_no_description or (self._why_no_order if self._order is None else '')
+        why = self._misfit or self._why_no_description
+        return why or (self._why_no_order if self._order is None else '')
+
+    @property
+    def refusal(self) -> str:
+        """Reason against every grasp: another hand, or none that listens; empty: there is none."""
+        driver = self._hand.driver
+        if self._misfit or self._activity not in ('', 'active'):
+            return self._misfit or f'{driver.controller} is {self._activity}: {driver.activation}'
+        silent = [t.name for out, t, _ in self._publishers if not out.get_subscription_count()]
+        return f'nothing listens to {silent[0]}: {driver.activation}' if silent else ''
 
     def send(self, command: GripCommand) -> None:
         """Publish a command in the order of the controller."""
@@ -205,10 +218,17 @@ class HandLink:
         try:
             self._described = self._learn(RobotDescription(message.data))
         except ValueError as err:
-            self._why_no_description = str(err)
+            self._misfit = str(err)
             self._node.get_logger().error(str(err))
         if self._described:
-            self._why_no_description = ''
+            self._misfit = self._why_no_description = ''
+
+    def _on_activity(self, message: DiagnosticArray) -> None:
+        """Note the state in which ros2_control says that the controller is."""
+        name = self._hand.driver.controller.rsplit('/', 1)[-1]
+        for pair in (pair for status in message.status for pair in status.values):
+            if pair.key.removesuffix('.state') == name:
+                self._activity = pair.value
 
     def _ask(self) -> None:
         """Ask the controller for the order of its joints."""
@@ -353,6 +373,9 @@ class GripNode(ManagedNode):
         self._fingers = {t: [i for i, one in enumerate(topics) if one == t] for t in topics}
         for topic in self._fingers.keys() - self.direct:
             self.subscribe(TactileContacts, topic, partial(self._on_contacts, topic), 1)
+        for topic in self._fingers:
+            baseline = f'{topic.removesuffix("contacts")}baseline'
+            self.subscribe(TactileFrame, baseline, partial(self._on_tare, topic), 1)
         self._ticking = self.steady_timer(max(0.5 * period, WATCH_S), self._on_tick)
 
     def topic_of(self, finger: str) -> str:
@@ -368,6 +391,7 @@ class GripNode(ManagedNode):
         limits = robot.limits(driver.joints, driver.limits)
         limits = narrowed(limits, driver.limits, self._hand.driver.limits)
         hand = self._described.with_limits(limits)
+        hand.refuse_misfit(robot)
         self._next = GripLoop(hand, self._config, self._options.fingers, robot)
         self._renew()
         return True
@@ -419,6 +443,12 @@ class GripNode(ManagedNode):
             stated([message.wrench_covariance[6 * i + j] for i in range(3) for j in range(3)]),
         )
         self._take(topic, touch, message.sequence, messages.stamp_ns(message.header))
+
+    def _on_tare(self, topic: str, baseline: TactileFrame) -> None:
+        """Take in a new baseline of the sensor of a topic of contacts; older ones do not come."""
+        with self._lock:
+            for finger in self._fingers.get(topic, ()) if self._ticking is not None else ():
+                self._loop.take_tare(finger, stamp_ns(baseline.header))
 
     def take_states(
         self, topic: str, frames: Sequence[Frame], states: Sequence[ContactState]
@@ -537,7 +567,7 @@ class GripNode(ManagedNode):
             self._loop.admit(goal.target_force, goal.fingers, goal.timeout)
         except ValueError as err:
             return str(err)
-        return ''
+        return self._link.refusal
 
     def _begin(self, goal: Grasp.Goal) -> None:
         """Begin a grasp, or open."""

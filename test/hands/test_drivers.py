@@ -85,6 +85,26 @@ def test_topics_types_order_and_rate(name: str) -> None:
     assert driver.grip().rate_hz <= rate
 
 
+@pytest.mark.parametrize(
+    ('name', 'topic', 'advice'),
+    [
+        ('allegro_v4', 'robot_description',
+         'ros2 control switch_controllers --activate allegro_hand_position_controller'),
+        ('allegro_plexus', 'robot_description', 'ros2 control switch_controllers --activate '
+         'allegro_hand_position_effort_controller --deactivate allegro_hand_position_controller'),
+        ('allegro_v5', '/allegro_hand_description', 'start the driver of the hand'),
+        ('allegro_v5_pinch', '/allegro_hand_description', 'start the driver of the hand'),
+        ('allegro_v5_sense', '/allegroHand_0/allegro_hand_description', 'start the driver'),
+        ('qb_softhand', 'robot_description', 'start the driver of the hand'),
+    ],
+)  # fmt: skip
+def test_every_hand_knows_its_description_and_its_start(
+    name: str, topic: str, advice: str
+) -> None:
+    driver = load_hand(name).driver
+    assert (driver.description, driver.activation[: len(advice)]) == (topic, advice)
+
+
 @pytest.mark.parametrize('name', ['allegro_v4', 'allegro_plexus'])
 def test_ros2_control_hands_get_sixteen_numbers(name: str) -> None:
     message = blank()

@@ -232,17 +232,17 @@ SLACK = np.array([0.05, 0.05])
 
 
 def watch() -> HandWatch:
-    return HandWatch(('a', 'b'), SLACK, 0.3)
+    return HandWatch(('a', 'b'), np.ones(2), SLACK, 0.3)
 
 
 def test_the_same_posture_again_and_again_while_commands_move_is_frozen() -> None:
     made, still = watch(), np.array([0.2, 0.5])
     for k in range(50):
-        made.take(still)
+        made.take(still, 0.01 * k)
         made.send(still + np.array([0.01 * k, 0.0]), 0.01 * k)
         assert bool(made.frozen(0.01 * k)) == (k > 36)  # further than the slack since 0.06 s
     assert made.frozen(0.5) == 'joint states are frozen (0.440 s) while commands move'
-    made.take(still + np.array([0.0, 1e-6]))
+    made.take(still + np.array([0.0, 1e-6]), 0.51)
     assert not made.frozen(0.51)
     made.forget()
     assert not made.frozen(9.0)
@@ -251,9 +251,9 @@ def test_the_same_posture_again_and_again_while_commands_move_is_frozen() -> Non
 def test_a_hand_at_rest_and_one_that_flickers_are_not() -> None:
     rest, blocked = watch(), watch()
     for k in range(500):
-        rest.take(np.array([0.2, 0.5]))
+        rest.take(np.array([0.2, 0.5]), 0.01 * k)
         rest.send(np.array([0.2, 0.5]) + 0.02 * np.sin(k), 0.01 * k)
-        blocked.take(np.array([0.2, 0.5 + 1e-6 * (k % 2)]))
+        blocked.take(np.array([0.2, 0.5 + 1e-6 * (k % 2)]), 0.01 * k)
         blocked.send(np.array([0.6, 0.5]), 0.01 * k)
         assert not rest.frozen(0.01 * k)
         assert not blocked.frozen(0.01 * k)
@@ -262,13 +262,27 @@ def test_a_hand_at_rest_and_one_that_flickers_are_not() -> None:
 def test_a_hand_that_was_moved_by_others_is_named_and_one_on_its_way_is_not() -> None:
     made = watch()
     assert not made.strayed()
-    made.take(np.array([0.2, 0.5]))
+    made.take(np.array([0.2, 0.5]), 0.0)
     made.send(np.array([0.4, 0.5]), 0.0)
     for on_its_way in ([0.3, 0.5], [0.4, 0.54], [0.44, 0.5]):
-        made.take(np.array(on_its_way))
+        made.take(np.array(on_its_way), 0.1)
         assert not made.strayed()
-    made.take(np.array([0.4, 1.38]))
+    made.take(np.array([0.4, 1.38]), 0.2)
     assert made.strayed() == 'b came back 0.880 from its last command: it was moved by others'
+
+
+def test_two_sources_of_joint_states_are_named_and_no_motion_or_knock_is_one() -> None:
+    made, there = watch(), np.array([0.2, 0.5])
+    for k, moved in enumerate([0.0, 0.01, 0.9, 0.91, 0.95, 0.9]):  # others move it once
+        made.take(there + np.array([0.0, moved]), 0.01 * k)
+        assert not made.torn(0.01 * k)
+    for k in range(5):
+        made.take(there + 0.6 * (k % 2), 1.0 + 0.01 * k)
+        assert bool(made.torn(1.0 + 0.01 * k)) == (k > 1)
+    assert made.torn(1.3) == (
+        'a jumps there and back by 0.600: two sources publish its joint states'
+    )
+    assert not made.torn(1.4)
 
 
 TEST_MOCK_HAND_LIMITS = JointLimits(np.zeros(2), np.ones(2), np.array([100.0, 0.5]), np.ones(2))

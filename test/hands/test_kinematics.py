@@ -64,6 +64,17 @@ def test_jacobian_is_the_derivative_also_of_sliding_and_following_joints(
         np.testing.assert_allclose(jacobian[:, i], slope, atol=1e-8)
 
 
+def test_a_longer_tip_lies_farther_from_its_last_joint() -> None:
+    robot, at = RobotDescription(PLANAR), np.array([0.2, 0.7])
+    pose, jacobian = robot.chain('tip', ('j0', 'j1'), 0.01).pose_and_jacobian(at)
+    longer = RobotDescription(PLANAR.replace('0.03 0 0', '0.04 0 0'))
+    wanted, slopes = longer.chain('tip', ('j0', 'j1')).pose_and_jacobian(at)
+    np.testing.assert_allclose(pose, wanted, atol=1e-12)
+    np.testing.assert_allclose(jacobian, slopes, atol=1e-12)
+    np.testing.assert_allclose(longer.tip(('j0', 'j1'), at), wanted[:3, 3], atol=1e-12)
+    assert np.isnan(longer.tip(('j1', 'j0'), at)).all()  # nothing of j1 lies above j0
+
+
 def test_chain_begins_at_the_finger_not_at_the_world() -> None:
     chain = RobotDescription(SPATIAL).chain('tip', ('j1', 'j0'))
     assert [joint.name for joint in chain.path] == ['j0', 'j1', 'j2', 'f']

@@ -407,6 +407,39 @@ def test_a_short_silence_of_the_hand_is_forgiven_where_it_stayed() -> None:
     assert world.force == pytest.approx(2.0, rel=0.1)
 
 
+@pytest.mark.parametrize('share', [2, 5])  # one sample of so many comes from elsewhere
+def test_two_sources_of_joint_states_give_the_hand_up_and_say_so(share: int) -> None:
+    world = World('allegro_v5', fault_time=1.0)
+    world.holding()
+    count = len(world.decisions)
+    for k in range(150):
+        if k % share == 0:
+            world.stage.take_joints(world.joints.position + 0.6, world.time_s + 0.005)
+        world.step()
+    found = world.decisions[count:]
+    phases = [made.made.phase for made in found[5:]]
+    assert phases.index(GripPhase.IDLE) in range(90, 115)
+    assert {*phases} == {GripPhase.FAULT, GripPhase.IDLE}
+    said = 'jumps there and back by 0.600: two sources publish its joint states; a new grasp is'
+    assert said in found[-1].refusal
+    assert world.force == pytest.approx(2.0, rel=0.1)  # its posture holds
+
+
+def test_a_tare_while_holding_is_a_fault_until_a_new_grasp_and_one_before_is_none() -> None:
+    world = World('allegro_v5')
+    world.holding()
+    world.stage.take_tare(1, round(1e9 * (world.time_s - 5.0)))  # it was latched
+    assert world.run(0.1).made.phase == GripPhase.HOLD
+    world.stage.take_tare(1, round(1e9 * world.time_s))
+    made = world.run(0.5)
+    assert (made.command, made.made.phase) == (None, GripPhase.FAULT)
+    assert made.refusal == 'middle was tared while it holds: its sensor cannot be trusted'
+    world.stage.grasp(2.0, ('index', 'thumb'), 20.0, adapt=False)
+    assert world.run(0.5).command is not None
+    world.stage.take_tare(1, round(1e9 * world.time_s))  # takes no part
+    assert world.run(0.1).made.phase in (GripPhase.LOAD, GripPhase.HOLD)
+
+
 def test_an_outage_during_a_grasp_ends_it_as_a_fault() -> None:
     world = World('allegro_v5', fault_time=0.3)
     world.run(0.2)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
@@ -27,7 +27,7 @@ from tactile_ros.action import Grasp
 from tactile_ros.control import GripConfig, GripForce, GripInput, GripPhase
 from tactile_ros.hands import load_hand
 from tactile_ros.messages import fill_header, stamp_ns
-from tactile_ros.msg import GripState, TactileContacts
+from tactile_ros.msg import GripState, TactileContacts, TactileFrame
 from tactile_ros.nodes import lifecycle
 from tactile_ros.nodes.graph import Graph, Process
 from tactile_ros.nodes.grip_loop import Decision
@@ -419,7 +419,7 @@ def graph(ros: Ros, hand: str, *parameters: str) -> tuple[GripNode, MockHandNode
     grip = ros.add(GripNode())
     lifecycle.start([mock, grip])
     fingers = ros.add(Fingers(mock))
-    assert ros.until(lambda: fingers.states and not grip.missing)
+    assert ros.until(lambda: fingers.states and not (grip.missing or grip._link.refusal))
     return grip, mock, fingers
 
 
@@ -658,6 +658,25 @@ def test_the_loss_of_what_was_held_is_published(
     assert grip.diagnose().message == wanted
 
 
+def test_a_tare_while_holding_is_named_and_a_latched_one_is_not(ros: Ros) -> None:
+    grip, _, fingers = graph(ros, 'allegro_v5')
+    baseline = fingers.create_publisher(TactileFrame, 'index/baseline', qos('baseline'))
+    early = TactileFrame(valid=True)
+    fill_header(early.header, fingers.get_clock().now().nanoseconds, '')
+    assert ros.until(baseline.get_subscription_count)
+    assert result(ros, fingers.ask(ros, 2.0))[1].outcome == Grasp.Result.HELD
+    baseline.publish(early)
+    count = len(fingers.states)
+    assert ros.until(lambda: len(fingers.states) > count + 10)
+    assert fingers.states[-1].phase == GripPhase.HOLD
+    fill_header(early.header, fingers.get_clock().now().nanoseconds, '')
+    baseline.publish(early)
+    said = 'index was tared while it holds: its sensor cannot be trusted'
+    assert ros.until(lambda: fingers.states[-1].refusal == said)
+    assert grip.diagnose().level == DiagnosticStatus.ERROR
+    assert fingers.force('index') > 0.2
+
+
 def test_a_driver_whose_clock_steps_back_is_named(ros: Ros) -> None:
     grip, _, fingers = graph(ros, 'allegro_v5', 'fault_time:=30.0', 'stale_after:=0.3')
     handle = fingers.ask(ros, 2.0)
@@ -742,6 +761,56 @@ def test_points_of_a_trajectory_lie_two_periods_ahead(
     assert ros.until(lambda: len(sent) > 3)
     (point,) = sent[-1].points
     assert (point.time_from_start.sec, point.time_from_start.nanosec) == (0, horizon_ns)
+
+
+def opposed(apart: float) -> str:
+    """All joints of a V5, those of the thumb so far from the others (m)."""
+    joints = (
+        f'<joint name="joint_{i}_0" type="revolute"><parent link="{i - 1 if i % 4 else "palm"}"/>'
+        f'<child link="{i}"/><origin xyz="0 {apart if i == 12 else 0.0} 0"/></joint>'
+        for i in range(16)
+    )
+    return f'<robot name="v5">{"".join(joints)}</robot>'
+
+
+def test_a_left_hand_is_refused_by_its_description_on_the_topic_of_its_driver(
+    ros: Ros, capfd: pytest.CaptureFixture[str]
+) -> None:
+    grip, _, fingers = graph(ros, 'allegro_v5_sense', 'number:=2')
+    description = fingers.create_publisher(
+        String, '/allegroHand_2/allegro_hand_description', qos('robot_description')
+    )
+    description.publish(String(data=opposed(0.25)))
+    said = 'thumb and fingers of robot_description are 250 mm apart where allegro_v5_sense has'
+    assert ros.until(lambda: grip._link.blocked.startswith(said))
+    assert not fingers.ask(ros, 1.0).accepted
+    assert f'grasp refused: {said}' in capfd.readouterr().err
+    description.publish(String(data=opposed(0.05)))
+    assert ros.until(lambda: not grip._link.blocked)
+    assert fingers.ask(ros, 1.0).accepted
+
+
+def test_a_goal_that_no_driver_would_hear_of_is_refused_with_what_to_type(
+    ros: Ros, capfd: pytest.CaptureFixture[str]
+) -> None:
+    grip, mock, fingers = graph(ros, 'allegro_plexus')
+    said = (
+        f'{EFFORT_CONTROLLER} is inactive: ros2 control switch_controllers --activate '
+        f'{EFFORT_CONTROLLER[1:]} --deactivate {POSITION_CONTROLLER[1:]}'
+    )
+    told = fingers.create_publisher(DiagnosticArray, '/diagnostics', 10)
+    assert ros.until(lambda: told.get_subscription_count() > 0)
+    for state in ('inactive', 'active'):
+        pairs = [KeyValue(key=EFFORT_CONTROLLER[1:], value=state)]
+        told.publish(DiagnosticArray(status=[DiagnosticStatus(values=pairs)]))
+        assert ros.until(lambda wanted=state: grip._link._activity == wanted)
+        assert grip._link.refusal == ('' if state == 'active' else said)
+        assert fingers.ask(ros, 1.0).accepted == (state == 'active')
+    assert f'grasp refused: {said}' in capfd.readouterr().err
+    mock.trigger_deactivate()
+    mock.trigger_cleanup()
+    assert ros.until(lambda: 'nothing listens to' in grip._link.refusal)
+    assert not fingers.ask(ros, 1.0).accepted
 
 
 def test_nothing_in_the_way_is_no_object(ros: Ros) -> None:
