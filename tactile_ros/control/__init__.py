@@ -14,7 +14,6 @@ from tactile_ros.control.grasp_sequence import (
     GripInput,
     GripPhase,
     GripStep,
-    Keeping,
 )
 from tactile_ros.control.grip_force import GripForce
 
@@ -28,6 +27,5 @@ __all__ = [
     'GripInput',
     'GripPhase',
     'GripStep',
-    'Keeping',
     'qb_softhand',
 ]

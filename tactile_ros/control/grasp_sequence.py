@@ -8,15 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.types import as_shape
-
 if TYPE_CHECKING:
-    from collections.abc import Sequence
 
     import numpy.typing as npt
 
     from tactile_ros.control.config import GripConfig
-    from tactile_ros.types import Array, Bools, ContactState
+    from tactile_ros.types import Array, Bools
 
 
 class GripPhase(IntEnum):
@@ -83,31 +80,6 @@ class GripInput:
     sigma: Array | None = None
     framed: Bools | None = None
     pressed: Array | None = None
-
-    @classmethod
-    def of(
-        cls,
-        states: Sequence[ContactState | None],
-        age: npt.ArrayLike,
-        closure: npt.ArrayLike,
-        closure_age: float,
-    ) -> GripInput:
-        """Input from one contact state for each finger; None: none has come.
-
-        A tangential force that a sensor cannot see is NaN. ValueError if the shapes differ.
-        """
-        count = len(states)
-        blank = np.full(3, np.nan)
-        force = np.array([blank if s is None else s.force for s in states]).reshape(count, 3)
-        return cls(
-            normal=force[:, 2],
-            tangential=np.hypot(force[:, 0], force[:, 1]),
-            valid=np.array([s is not None and bool(s.valid) for s in states], bool),
-            slip=np.array([-1 if s is None else int(s.slip) for s in states], np.int8),
-            age=as_shape('age of GripInput', age, (count,)),
-            closure=as_shape('closure of GripInput', closure, (-1,)),
-            closure_age=float(closure_age),
-        )
 
     def refuse_misfit(self, fingers: int, drives: int) -> None:
         """Raise ValueError where an array has another shape than the fingers or drives."""
@@ -229,6 +201,14 @@ class GraspSequence:
             self.progress = self._judged(made)
         return self.progress
 
+    def keep(self, made: GripStep, dt: float) -> str:
+        """Take in a step after the end; why nothing is held any more, or empty.
+
+        Touches that fingers had last count while their forces are not known.
+        """
+        self._count(made, dt)
+        return LOST if self._empty > LOST_TIME else ''
+
     def _count(self, made: GripStep, dt: float) -> None:
         """Times of the conditions that end a grasp."""
         faulty = made.phase == GripPhase.FAULT
@@ -259,23 +239,3 @@ class GraspSequence:
             if holds:
                 return GraspProgress(outcome, sentence)
         return GraspProgress(None, 'opening' if self._opens else made.phase.name.lower())
-
-
-class Keeping:
-    """Judge whether an object is still held after its grasp has ended."""
-
-    def __init__(self) -> None:
-        self._empty = 0.0
-
-    def restart(self) -> None:
-        """Something else is held."""
-        self._empty = 0.0
-
-    def step(self, made: GripStep, dt: float) -> str:
-        """Take in a step of the law; why nothing is held any more, or empty.
-
-        Touches that fingers had last count while their forces are not known.
-        """
-        if made.phase != GripPhase.FAULT:
-            self._empty = 0.0 if made.touching.any() else self._empty + dt
-        return LOST if self._empty > LOST_TIME else ''

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from tactile_ros.control.config import GripConfig
+    from tactile_ros.types import Array
 
 IMPACT = 2.0  # asked forces that an approach may meet in the time to react
 SLOWEST = 0.5  # share of its speed that an approach keeps, however far its drive is behind
@@ -140,11 +141,6 @@ class GripForce:
             finger.forget()
         for law in self.laws:
             law.stiffness.reset()
-
-    @property
-    def active(self) -> bool:
-        """Judge whether commands may be sent at all."""
-        return self._active
 
     @property
     def holds(self) -> bool:
@@ -256,30 +252,14 @@ class GripForce:
             self._decide(given, dt)
         return self._made(not self.fault, self.fault)
 
-    def admit(
-        self,
-        closure: npt.ArrayLike,
-        dt: float,
-        reach: npt.ArrayLike | None = None,
-        clipped: Sequence[bool] | None = None,
-    ) -> None:
-        """Go on from what was sent where it is not the last command.
+    def admit(self, sent: Array, dt: float, reach: Array, clipped: Sequence[bool]) -> None:
+        """Go on from closures (a,) that were sent where they are not the last command.
 
-        Parameters
-        ----------
-        closure : array_like, shape (a,)
-            That was sent.
-        dt : float
-            Of the last step (s).
-        reach : array_like, shape (a,), or None
-            As far as the drives would come in time; None: what was sent.
-        clipped : sequence of bool, length a, or None
-            Drives whose torque is as large as they allow.
+        `dt` is that of the last step (s), `reach` (a,) as far as the drives would come in time;
+        `clipped` are those whose torque is as large as they allow.
         """
-        sent = np.asarray(closure, np.float64).tolist()
-        reached = sent if reach is None else np.asarray(reach, np.float64).tolist()
-        full = [False] * len(sent) if clipped is None else clipped
-        for law, made, far, is_full in zip(self.laws, sent, reached, full, strict=True):
+        rows = zip(self.laws, sent.tolist(), reach.tolist(), clipped, strict=True)
+        for law, made, far, is_full in rows:
             law.stop = 'its drive gives its largest torque' if is_full else ''
             if far < law.command - SAME:
                 law.stop = 'its joints are at the end of their stroke'
@@ -324,7 +304,7 @@ class GripForce:
             why = why or self._judge(given)
         why = why or self._hand_refusal(given)
         if not why and not self._started:
-            why = self._start(given)
+            self._start(given)
         return why
 
     def _judge(self, given: GripInput) -> str:
@@ -365,8 +345,8 @@ class GripForce:
         self._age = max(self._age, given.closure_age) if isfinite(self._age) else given.closure_age
         return ''
 
-    def _start(self, given: GripInput) -> str:
-        """Begin where the drives are, pressing with what they press now; never refused."""
+    def _start(self, given: GripInput) -> None:
+        """Begin where the drives are, pressing with what they press now."""
         pressed = np.full(len(self.laws), nan) if given.pressed is None else given.pressed
         for law, closure, force in zip(
             self.laws, given.closure.tolist(), pressed.tolist(), strict=True
@@ -376,7 +356,6 @@ class GripForce:
             else:
                 law.seat(closure, closure if self._held else nan)
         self._started = True
-        return ''
 
     def _new(self, given: GripInput) -> list[bool]:
         """Fingers whose usable force is new."""

@@ -207,19 +207,14 @@ class Finger:
         moving = steepest > 0
         return float((velocity[moving] / steepest[moving]).min())
 
-    def longer(self, offset: float) -> Finger:
+    def extend(self, offset: float) -> Finger:
         """The same finger with longer levers of the joints that bend it (m)."""
         bends = np.abs(self.lever) >= SIDEWAYS * np.abs(self.lever).max()
         return replace(self, lever=self.lever + bends * np.sign(self.lever) * offset)
 
-    @cached_property
-    def is_capped(self) -> bool:
-        """Judge whether a lever is told for any joint."""
-        return bool(self.lever.any())
-
     def caps(self, force: float) -> Array:
         """Largest torques (n,) that hold a force at the pad (N); NaN where no lever is told."""
-        if not self.is_capped:
+        if not self.lever.any():
             return np.full(len(self.joints), np.nan)
         lever = np.abs(self.lever)
         caps: Array = np.maximum(lever, SIDEWAYS * lever.max()) * force + self.free_effort
@@ -280,24 +275,16 @@ class HandDescription:
         return in_order(self.driver.joints, self.fingers[finger].joints)
 
     def posture(self, which: str, rest: Array) -> Array:
-        """Whole hand (j,) with every finger in its `open` or `pre_grasp` posture.
-
-        Parameters
-        ----------
-        which : str
-            'open' or 'pre_grasp'.
-        rest : ndarray, shape (j,)
-            Positions of joints that belong to no finger.
-        """
+        """Whole hand (j,) with all fingers in `open` or `pre_grasp`, other joints at `rest`."""
         position = np.array(rest, np.float64)
         for name, finger in self.fingers.items():
             position[self.places(name)] = getattr(finger, which)
         return position
 
-    def lengthened(self) -> HandDescription:
+    def with_tips(self) -> HandDescription:
         """The same hand with the levers of its real tips, by `tip_offset` of its driver."""
         offset = self.driver.tip_offset
-        return replace(self, fingers={n: f.longer(offset) for n, f in self.fingers.items()})
+        return replace(self, fingers={n: f.extend(offset) for n, f in self.fingers.items()})
 
     def refuse_misfit(self, robot: RobotDescription) -> None:
         """Raise ValueError where thumb and fingers of a description do not meet as they close.
@@ -306,7 +293,7 @@ class HandDescription:
         """
         tips: dict[int, list[Array]] = {0: [], 1: [], -1: []}
         for finger in self.fingers.values():
-            tips[finger.side].append(robot.tip(finger.joints, finger.posture(1.0)))
+            tips[finger.side].append(robot.fingertip(finger.joints, finger.posture(1.0)))
         if not (tips[1] and tips[-1]):
             return
         apart = float(np.linalg.norm(np.mean(tips[1], axis=0) - np.mean(tips[-1], axis=0)))
@@ -318,13 +305,7 @@ class HandDescription:
             raise ValueError(msg)
 
     def driven_by(self, driver: HandDriver) -> HandDescription:
-        """The same hand by another driver; where it names joints anew, they follow by place.
-
-        Raises
-        ------
-        ValueError
-            If the new driver does not have the joints of the fingers.
-        """
+        """The same hand by another driver; where it names joints anew, they follow by place."""
         before, now = self.driver.joints, driver.joints
         fingers = self.fingers
         if set(now).isdisjoint(before) and len(now) == len(before):
@@ -349,10 +330,7 @@ class HandDescription:
     def with_limits(self, limits: JointLimits) -> HandDescription:
         """The same hand with the limits of its `robot_description`; postures are drawn inside.
 
-        Raises
-        ------
-        ValueError
-            If that leaves a finger no way to close.
+        ValueError where that leaves a finger no way to close.
         """
         effort = limits.effort if np.isfinite(limits.effort).all() else None
         driver = replace(
@@ -374,13 +352,7 @@ class HandDescription:
 
 
 def narrowed(described: JointLimits, asked: JointLimits, shipped: JointLimits) -> JointLimits:
-    """Limits of a `robot_description`, drawn in where a user asked for others than are shipped.
-
-    Parameters
-    ----------
-    described, asked, shipped : JointLimits
-        Of the description, of the parameters, and of the hand's file.
-    """
+    """Limits of a `robot_description`, drawn in where a user asked for others than are shipped."""
     lower = np.where(
         asked.lower != shipped.lower, np.maximum(described.lower, asked.lower), described.lower
     )
@@ -405,22 +377,9 @@ def list_hands() -> list[str]:
 
 
 def load_hand(name: str) -> HandDescription:
-    """Hand of a shipped description or of a file.
+    """Hand of `list_hands()`, or of a path that ends in .yaml.
 
-    Parameters
-    ----------
-    name : str
-        One of `list_hands()`, or a path that ends in .yaml.
-
-    Returns
-    -------
-    HandDescription
-        Checked.
-
-    Raises
-    ------
-    ValueError
-        With one sentence that names the file and what it must hold.
+    ValueError with one sentence that names the file and what it must hold.
     """
     place = folder()
     path = Path(name)
@@ -450,24 +409,9 @@ def read(path: Path) -> object:
 
 
 def parse(name: str, content: object) -> HandDescription:
-    """Hand of a yaml document.
+    """Hand of a yaml document: `driver`, `options` (fields of it, may be missing) and `fingers`.
 
-    Parameters
-    ----------
-    name : str
-        Of the hand.
-    content : object
-        Keys `driver`, `options` (fields of the driver, may be missing) and `fingers`.
-
-    Returns
-    -------
-    HandDescription
-        Checked.
-
-    Raises
-    ------
-    ValueError
-        With one sentence.
+    ValueError with one sentence.
     """
     admit_name('name of a hand', name)
     document = _mapping('a description of a hand', content, {'driver', 'options', 'fingers'})

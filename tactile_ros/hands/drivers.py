@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Protocol, cast
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from tactile_ros.types.config_fields import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from tactile_ros.messages import Message
     from tactile_ros.types import Integers
@@ -117,8 +117,8 @@ class HandDriver:
 
     @property
     def states(self) -> str:
-        """Topic of joint states."""
-        raise NotImplementedError
+        """Topic of joint states, as joint_state_broadcaster ships it."""
+        return self.state_topic or '/joint_states'
 
     @property
     def description(self) -> str:
@@ -126,7 +126,7 @@ class HandDriver:
         return self.description_topic
 
     @property
-    def activation(self) -> str:
+    def remedy(self) -> str:
         """Advice where nothing takes the commands."""
         if not self.controller:
             return 'start the driver of the hand, or tell its topic (command_topic)'
@@ -146,13 +146,7 @@ class HandDriver:
 
 
 def in_order(names: tuple[str, ...], wanted: tuple[str, ...]) -> Integers:
-    """Places of `wanted` names among `names`, shape (j,).
-
-    Raises
-    ------
-    ValueError
-        If one is missing, or two are the same.
-    """
+    """Places (j,) of `wanted` names among `names`; ValueError if one is missing or twice there."""
     missing = [name for name in wanted if name not in names]
     if missing or len(set(wanted)) != len(wanted):
         what = f'lack {", ".join(missing)}' if missing else 'name one twice'
@@ -161,60 +155,8 @@ def in_order(names: tuple[str, ...], wanted: tuple[str, ...]) -> Integers:
     return np.array([names.index(name) for name in wanted], np.int64)
 
 
-class JointStateMessage(Protocol):
-    """sensor_msgs/JointState."""
-
-    header: Message
-    name: Sequence[str]
-    position: Sequence[float]
-    velocity: Sequence[float]
-    effort: Sequence[float]
-
-
-class NumbersMessage(Protocol):
-    """std_msgs/Float64MultiArray."""
-
-    data: Sequence[float]
-
-
-class DurationMessage(Protocol):
-    """builtin_interfaces/Duration."""
-
-    sec: int
-    nanosec: int
-
-
-class PointMessage(Protocol):
-    """trajectory_msgs/JointTrajectoryPoint."""
-
-    positions: Sequence[float]
-    time_from_start: DurationMessage
-
-
-class TrajectoryMessage(Protocol):
-    """trajectory_msgs/JointTrajectory with the one point that is filled."""
-
-    header: Message
-    joint_names: Sequence[str]
-    points: Sequence[PointMessage]
-
-
-def fill_joint_state(
-    message: JointStateMessage, joints: tuple[str, ...], command: GripCommand
-) -> None:
-    """Positions of all joints with their names, stamped; velocity and effort stay empty."""
-    fill_header(message.header, command.stamp_ns, '')
-    message.name = list(joints)
-    message.position = packed(command.position)
-
-
-def fill_numbers(message: NumbersMessage, values: Array) -> None:
-    """Numbers in the order of the controller; their layout stays empty."""
-    message.data = packed(values)
-
-
 def fill_trajectory(
-    message: TrajectoryMessage, joints: tuple[str, ...], horizon_s: float, command: GripCommand
+    message: Message, joints: tuple[str, ...], horizon_s: float, command: GripCommand
 ) -> None:
     """One point that is to be reached `horizon_s` after it arrives.
 
@@ -227,7 +169,7 @@ def fill_trajectory(
     duration.sec, duration.nanosec = divmod(round(horizon_s * 1e9), 1_000_000_000)
 
 
-def read_joint_states(message: JointStateMessage, joints: tuple[str, ...]) -> Array | None:
+def read_joint_states(message: Message, joints: tuple[str, ...]) -> Array | None:
     """Positions (j,) of a hand's joints in a JointState; None: it is about other joints alone.
 
     ValueError if it is about some of the joints only, or a position is missing or not finite.
@@ -254,7 +196,7 @@ def read_joint_states(message: JointStateMessage, joints: tuple[str, ...]) -> Ar
     return position
 
 
-def read_efforts(message: JointStateMessage, joints: tuple[str, ...]) -> Array | None:
+def read_efforts(message: Message, joints: tuple[str, ...]) -> Array | None:
     """Efforts (j,) of joint states that hold all joints of a hand; None: they tell none."""
     if len(message.effort) != len(message.name):
         return None
@@ -263,7 +205,7 @@ def read_efforts(message: JointStateMessage, joints: tuple[str, ...]) -> Array |
     return effort if np.isfinite(effort).all() else None
 
 
-def read_command(kind: str, message: object, joints: tuple[str, ...]) -> tuple[Array, float]:
+def read_command(kind: str, message: Message, joints: tuple[str, ...]) -> tuple[Array, float]:
     """Values (j,) in the order of a driver, and the time to reach them (s; 0: at once).
 
     `kind` is the type of the message; ValueError where count or names are not the driver's, or a
@@ -271,17 +213,15 @@ def read_command(kind: str, message: object, joints: tuple[str, ...]) -> tuple[A
     """
     horizon_s = 0.0
     if kind == TRAJECTORY:
-        trajectory = cast('TrajectoryMessage', message)
-        place = in_order(tuple(trajectory.joint_names), joints)
-        point = trajectory.points[-1]
+        place = in_order(tuple(message.joint_names), joints)
+        point = message.points[-1]
         horizon_s = point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
         values = np.asarray(point.positions, np.float64)
-        fits = len(values) == len(trajectory.joint_names)
+        fits = len(values) == len(message.joint_names)
         values = values[place] if fits else values
-    elif kind == JOINT_STATE:
-        values = np.asarray(cast('JointStateMessage', message).position, np.float64)
     else:
-        values = np.asarray(cast('NumbersMessage', message).data, np.float64)
+        told = message.position if kind == JOINT_STATE else message.data
+        values = np.asarray(told, np.float64)
     if values.shape != (len(joints),) or not np.isfinite(values).all():
         msg = f'a command must be {len(joints)} finite numbers; received {values.tolist()}'
         raise ValueError(msg[:300])
@@ -292,11 +232,6 @@ def read_command(kind: str, message: object, joints: tuple[str, ...]) -> tuple[A
 THUMB = ((0.263, 1.396), (-0.105, 1.163), (-0.189, 1.644), (-0.162, 1.719))
 FINGER = ((-0.47, 0.47), (-0.196, 1.61), (-0.174, 1.709), (-0.227, 1.618))
 LIMITS = (*THUMB, *FINGER, *FINGER, *FINGER)
-
-
-def thumb_first(prefix: str) -> tuple[str, ...]:
-    """Names of the 16 joints in the order of the shipped controllers."""
-    return tuple(f'{prefix}joint{finger}{joint}' for finger in range(4) for joint in range(4))
 
 
 @dataclass(frozen=True)
@@ -324,8 +259,8 @@ class AllegroV4(HandDriver):
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
-        """Thumb, index, middle, ring."""
-        return thumb_first(self.prefix)
+        """Thumb, index, middle, ring: the order of the shipped controllers."""
+        return tuple(f'{self.prefix}joint{i // 4}{i % 4}' for i in range(16))
 
     @property
     def topics(self) -> tuple[Topic, ...]:
@@ -333,14 +268,9 @@ class AllegroV4(HandDriver):
         name = self.command_topic or '/allegro_hand_position_controller/commands'
         return (Topic(name, NUMBERS, self.fill),)
 
-    @property
-    def states(self) -> str:
-        """Joint states of the joint_state_broadcaster."""
-        return self.state_topic or '/joint_states'
-
-    def fill(self, message: NumbersMessage, command: GripCommand) -> None:
-        """Write the 16 positions."""
-        fill_numbers(message, command.position)
+    def fill(self, message: Message, command: GripCommand) -> None:
+        """Write the 16 positions; their layout stays empty."""
+        message.data = packed(command.position)
 
 
 PLEXUS_THUMB = ((0.0, 1.745), (-0.349, 1.169), (0.0, 1.169), (0.0, 1.571))
@@ -386,11 +316,11 @@ class AllegroPlexus(AllegroV4):
             Topic(self.command_topic or f'{place}/commands', NUMBERS, self.fill),
         )
 
-    def fill_caps(self, message: NumbersMessage, command: GripCommand) -> None:
+    def fill_caps(self, message: Message, command: GripCommand) -> None:
         """Write the 16 largest torques; where the command names none, the limit."""
         most = np.minimum(self.limits.effort, TORQUE)
         asked = np.where(np.isfinite(command.effort), command.effort, most)
-        fill_numbers(message, np.clip(asked, 0.0, most))
+        message.data = packed(np.clip(asked, 0.0, most))
 
 
 V5_FINGER = ((-0.47, 0.47), (-0.196, 1.8), (-0.174, 1.709), (-0.227, 1.618))
@@ -428,7 +358,7 @@ class AllegroV5(HandDriver):
     )
     number: int = whole(0, 'number in allegroHand_<number>', 0, 99)
     description_topic: str = text_of(
-        '/allegro_hand_description', 'topic of the URDF of the hand; {number} stands for its number'
+        '/allegro_hand_description', 'topic of the URDF; {number} stands for that of the hand'
     )
 
     @cached_property
@@ -452,9 +382,11 @@ class AllegroV5(HandDriver):
         """Topic of the vendor's robot_state_publisher."""
         return self.description_topic.replace('{number}', str(self.number))
 
-    def fill(self, message: JointStateMessage, command: GripCommand) -> None:
-        """Write all 16 names and positions."""
-        fill_joint_state(message, self.joints, command)
+    def fill(self, message: Message, command: GripCommand) -> None:
+        """Write all 16 names and positions, stamped; velocity and effort stay empty."""
+        fill_header(message.header, command.stamp_ns, '')
+        message.name = list(self.joints)
+        message.position = packed(command.position)
 
 
 PERIODS = 2.0  # of commands, within which no point is reached: joints would wait for the next
@@ -482,16 +414,11 @@ class JointTrajectoryHand(HandDriver):
         shipped = '/joint_trajectory_controller/joint_trajectory'
         return (Topic(self.command_topic or shipped, TRAJECTORY, self.fill),)
 
-    @property
-    def states(self) -> str:
-        """Joint states of the joint_state_broadcaster."""
-        return self.state_topic or '/joint_states'
-
     def paced(self, rate_hz: float) -> JointTrajectoryHand:
         """The same, with points at least two periods ahead."""
         return replace(self, horizon_s=max(self.horizon_s, PERIODS / rate_hz))
 
-    def fill(self, message: TrajectoryMessage, command: GripCommand) -> None:
+    def fill(self, message: Message, command: GripCommand) -> None:
         """Write one point for all joints."""
         fill_trajectory(message, self.joints, self.horizon_s, command)
 
@@ -546,7 +473,7 @@ class QbSoftHand(HandDriver):
         """Gains of a hand of 25 Hz that moves late."""
         return qb_softhand()
 
-    def fill(self, message: TrajectoryMessage, command: GripCommand) -> None:
+    def fill(self, message: Message, command: GripCommand) -> None:
         """Write one point for every synergy."""
         fill_trajectory(message, self.joints, self.horizon_s, command)
 
@@ -566,13 +493,7 @@ def list_drivers() -> list[str]:
 
 
 def load_driver(name: str) -> type[HandDriver]:
-    """Dataclass of a driver.
-
-    Raises
-    ------
-    ValueError
-        If there is none of that name; lists those that are.
-    """
+    """Dataclass of a driver; ValueError, which lists all, if there is none of that name."""
     if name not in DRIVERS:
         msg = f'driver of a hand must be one of {", ".join(list_drivers())}; received {name!r}'
         raise ValueError(msg)

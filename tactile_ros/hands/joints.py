@@ -279,8 +279,7 @@ class HandJoints:
                 self._beside[a] = wanted[place] - on_path
             self._beside[a] = self._beside[a] * exp(-dt / EASE_S)
             wanted[place] = on_path + self._beside[a]
-            if finger.is_capped:
-                effort[place] = finger.caps(forces[a])
+            effort[place] = finger.caps(forces[a])
         position, limited = self.guard.step(wanted, measured, elapsed)
         self._sent.append((now_s, position))
         closure = reach = closures
@@ -391,7 +390,7 @@ class HandWatch:
                 self._torn_s = now_s
             self._jump, self._jumped_s = moved, now_s
 
-    def torn(self, now_s: float) -> str:
+    def conflicts(self, now_s: float) -> str:
         """Judge whether joint states jump there and back, in a sentence; empty: no."""
         if now_s - self._torn_s > self._patience_s:
             return ''

@@ -9,6 +9,7 @@ from xml.etree import ElementTree as ET
 from xml.parsers import expat
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tactile_ros.types import Array, JointLimits
 
@@ -100,18 +101,6 @@ def _numbers(text: str | None, count: int, default: float, what: str) -> Array:
     return values
 
 
-def turn(rpy: Array) -> Array:
-    """Rotation (3, 3) by roll, pitch, yaw about fixed x, y, z (rad)."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
-
-
 def turn_about(axis: Array, angle: float) -> Array:
     """Rotation (3, 3) about a unit vector by an angle (rad); Rodrigues' formula."""
     x, y, z = axis
@@ -133,7 +122,8 @@ def _joint(element: ET.Element) -> Joint:
     place = _attributes(element, 'origin')
     origin = np.eye(4)
     origin[:3, 3] = _numbers(place.get('xyz'), 3, 0.0, f'origin of {what}')
-    origin[:3, :3] = turn(_numbers(place.get('rpy'), 3, 0.0, f'origin of {what}'))
+    rpy = _numbers(place.get('rpy'), 3, 0.0, f'origin of {what}')
+    origin[:3, :3] = Rotation.from_euler('xyz', rpy).as_matrix()
     axis = _numbers(_attributes(element, 'axis').get('xyz', '1 0 0'), 3, 0.0, f'axis of {what}')
     length = float(np.linalg.norm(axis))
     if kind in MOVING and not length > 0:
@@ -184,12 +174,8 @@ class RobotDescription:
     def limits(self, names: tuple[str, ...], otherwise: JointLimits) -> JointLimits:
         """Limits of joints; what the description does not say is taken from `otherwise`.
 
-        Of speeds and torques the smaller holds: descriptions have placeholders there.
-
-        Raises
-        ------
-        ValueError
-            If a joint is not in the description.
+        Of speeds and torques the smaller holds: descriptions have placeholders there. ValueError
+        if a joint is not in the description.
         """
         missing = [name for name in names if name not in self.joints]
         if missing:
@@ -213,7 +199,7 @@ class RobotDescription:
             link = path[0].parent
         return path
 
-    def tip(self, joints: tuple[str, ...], position: Array) -> Array:
+    def fingertip(self, joints: tuple[str, ...], position: Array) -> Array:
         """Place (3,) in the root of the link that is fixed farthest below the last of joints (n,).
 
         Joints of others are at 0; NaN where these are no chain.
@@ -229,26 +215,10 @@ class RobotDescription:
         return place
 
     def chain(self, frame: str, joints: tuple[str, ...], tip_offset: float = 0.0) -> Chain:
-        """Joints that lie between the finger's base and a link.
+        """Chain from the parent of a finger's first joint to the link `frame` of its pad.
 
-        Parameters
-        ----------
-        frame : str
-            Link of the pad.
-        joints : tuple of str
-            Joints of the finger, in its own order.
-        tip_offset : float
-            By which the pad lies farther from the last of them than described (m).
-
-        Returns
-        -------
-        Chain
-            From the parent of the finger's first joint to the link.
-
-        Raises
-        ------
-        ValueError
-            If the link is not there, or the finger's joints do not lie above it.
+        The pad lies by `tip_offset` (m) farther from the last of the joints than described.
+        ValueError if the link is not there, or the joints of the finger do not lie above it.
         """
         if frame not in self._above:
             msg = f'frame must be a link of robot_description below a joint; received {frame!r}'

@@ -21,7 +21,6 @@ from tactile_ros.control import (
     GripForce,
     GripInput,
     GripPhase,
-    Keeping,
 )
 from tactile_ros.control.finger import ON_SIGMAS
 from tactile_ros.control.grasp_sequence import HOLDING
@@ -89,7 +88,7 @@ class GripLoop:
                 f'received {config.rate_hz:g}'
             )
             raise ValueError(msg)
-        self.hand = hand = hand.lengthened()
+        self.hand = hand = hand.with_tips()
         self.config = config
         self.fingers, names = taking_part(hand, fingers)
         drives = list(dict.fromkeys(names))
@@ -109,7 +108,7 @@ class GripLoop:
         reaction = config.stale_age + config.dead_time + config.lag
         self._watch = HandWatch(hand.driver.joints, limits.velocity, self._guard.slack, reaction)
         self._sequence: GraspSequence | None = None
-        self._keeping = Keeping()
+        self._kept = GraspSequence(config)  # the last one
         count = len(self.fingers)
         # lists: one entry of an array costs more than all else that a force brings
         self._normal, self._across, self._sigma = [nan] * count, [nan] * count, [nan] * count
@@ -195,12 +194,6 @@ class GripLoop:
         self.law.disable()
         self._sequence = None
 
-    def _forget_hand(self) -> None:
-        """The next command begins at the measured posture."""
-        self._joints.stop()
-        self._watch.forget()
-        self._lost_s = self._unsent_s = 0.0
-
     def grasp(
         self, target_force: float, fingers: Sequence[str], timeout: float, adapt: bool
     ) -> None:
@@ -211,8 +204,10 @@ class GripLoop:
             if self._watch.strayed():
                 self.law.move_away()
                 held = False
-            if not self.law.holds:
-                self._forget_hand()
+            if not self.law.holds:  # the next command begins at the measured posture
+                self._joints.stop()
+                self._watch.forget()
+                self._unsent_s = 0.0
         self._lost_s = 0.0
         if target_force == 0:
             self.law.release()
@@ -244,9 +239,7 @@ class GripLoop:
                 f'received {target_force:g}'
             )
             raise ValueError(msg)
-        if not 0 <= timeout < np.inf:
-            msg = f'timeout must be 0 or positive; received {timeout:g}'
-            raise ValueError(msg)
+        GraspSequence(self.config, timeout)
         unknown = [name for name in fingers if name not in self.fingers]
         if unknown:
             msg = f'fingers must be of {", ".join(self.fingers)}; received {unknown[0]!r}'
@@ -267,7 +260,7 @@ class GripLoop:
 
     def cancel(self) -> None:
         """Wait for no end any more: what is held stays held, otherwise the hand opens."""
-        self._sequence = None
+        self._kept, self._sequence = self._sequence or self._kept, None
         if self.law.phase not in (*HOLDING, GripPhase.IDLE):
             self.law.release()
 
@@ -344,9 +337,9 @@ class GripLoop:
         """Obstacle to commands, by the joint states of the hand; empty: there is none."""
         if self._measured is None or self.law.phase == GripPhase.IDLE:
             return ''
-        torn = self._watch.torn(now_s)
-        if torn:
-            return torn
+        conflict = self._watch.conflicts(now_s)
+        if conflict:
+            return conflict
         paused = now_s - self._sent_s > self.config.stale_age
         strayed = self._watch.strayed() if paused else ''
         if strayed:
@@ -403,7 +396,7 @@ class GripLoop:
             return (GraspProgress(GraspOutcome.FAULT, gone), '') if grasping else (None, gone)
         if grasping:
             return self._progress(made, dt), ''
-        lost = self._keeping.step(made, dt) if self.law.phase in HOLDING else ''
+        lost = self._kept.keep(made, dt) if self.law.phase in HOLDING else ''
         if lost:
             self.law.release(lost)
         return None, lost
@@ -413,8 +406,7 @@ class GripLoop:
         progress = self._sequence.step(made, dt)
         if progress.outcome is None:
             return None
-        self._sequence = None
-        self._keeping.restart()
+        self._kept, self._sequence = self._sequence, None
         short = self.law.shortfalls()
         if made.fault:
             self.law.abandon(made.fault)

@@ -172,9 +172,9 @@ class HandLink:
         """Reason against every grasp: another hand, or none that listens; empty: there is none."""
         driver = self._hand.driver
         if self._misfit or self._activity not in ('', 'active'):
-            return self._misfit or f'{driver.controller} is {self._activity}: {driver.activation}'
+            return self._misfit or f'{driver.controller} is {self._activity}: {driver.remedy}'
         silent = [t.name for out, t, _ in self._publishers if not out.get_subscription_count()]
-        return f'nothing listens to {silent[0]}: {driver.activation}' if silent else ''
+        return f'nothing listens to {silent[0]}: {driver.remedy}' if silent else ''
 
     def send(self, command: GripCommand) -> None:
         """Publish a command in the order of the controller."""

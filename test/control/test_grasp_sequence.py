@@ -13,7 +13,6 @@ from tactile_ros.control import (
     GripConfig,
     GripPhase,
     GripStep,
-    Keeping,
 )
 
 CONFIG = GripConfig()
@@ -99,10 +98,8 @@ def test_a_goal_ends_at_its_timeout(opens: bool, change: dict[str, object]) -> N
 def test_what_is_held_is_judged_as_long_as_it_is(
     steps: list[tuple[dict[str, object], int]], lost: bool
 ) -> None:
-    keeping = Keeping()
+    kept = GraspSequence(CONFIG)
     for change, count in steps:
         for _ in range(count):
-            why = keeping.step(dataclasses.replace(MADE, **change), 0.01)  # type: ignore[arg-type]
+            why = kept.keep(dataclasses.replace(MADE, **change), 0.01)  # type: ignore[arg-type]
     assert why == ('the object was lost' if lost else '')
-    keeping.restart()
-    assert not keeping.step(dataclasses.replace(MADE, **LOST), 0.01)  # type: ignore[arg-type]

@@ -21,7 +21,6 @@ from tactile_ros.control import (
     GripStep,
     qb_softhand,
 )
-from tactile_ros.types import ContactState
 
 CONFIG = GripConfig()
 QUICK = GripConfig(closing_rate=1.0)
@@ -33,28 +32,13 @@ OPEN = GripInput(
 )  # fmt: skip
 
 
-def state(force: tuple[float, float, float], valid: bool = True, slip: int = 0) -> ContactState:
-    known = {
-        'force': np.array([force]), 'valid': np.array([valid]),
-        'slip': np.array([slip], np.int8),
-    }  # fmt: skip
-    return ContactState.assemble(2, known)
-
-
-def test_forces_come_from_states_and_misfits_are_named() -> None:
-    given = GripInput.of(
-        [state((3.0, 4.0, 2.0), slip=1), None, state((np.nan, np.nan, 1.0), valid=False)],
-        [0.0, 1.0, 0.01], [0.2], 0.0,
-    )  # fmt: skip
-    np.testing.assert_array_equal(given.normal, [2.0, np.nan, 1.0])
-    np.testing.assert_array_equal(given.tangential, [5.0, np.nan, np.nan])
-    assert given.valid.tolist() == [True, False, False]
-    given.refuse_misfit(3, 1)
-    with pytest.raises(ValueError, match=r'closure of GripInput must have shape \(2,\)'):
-        given.refuse_misfit(3, 2)
-    crossed = dataclasses.replace(given, new=np.zeros(2, bool))
-    with pytest.raises(ValueError, match=r'new of GripInput must have shape \(3,\)'):
-        crossed.refuse_misfit(3, 1)
+def test_an_input_that_misfits_is_named() -> None:
+    OPEN.refuse_misfit(2, 2)
+    with pytest.raises(ValueError, match=r'closure of GripInput must have shape \(3,\)'):
+        OPEN.refuse_misfit(2, 3)
+    crossed = dataclasses.replace(OPEN, new=np.zeros(3, bool))
+    with pytest.raises(ValueError, match=r'new of GripInput must have shape \(2,\)'):
+        crossed.refuse_misfit(2, 2)
 
 
 class Run:

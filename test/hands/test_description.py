@@ -157,8 +157,8 @@ def test_limits_of_a_description_draw_the_postures_inside() -> None:
 def test_longer_tips_have_longer_levers_where_joints_bend_the_finger() -> None:
     hand = load_hand('allegro_v4')
     hand = hand.driven_by(replace(hand.driver, tip_offset=0.005))
-    assert hand.lengthened().fingers['index'].lever == pytest.approx([0.0, 0.121, 0.067, 0.029])
-    assert hand.lengthened().fingers['thumb'].lever == pytest.approx([0.015, 0.0, 0.093, 0.042])
+    assert hand.with_tips().fingers['index'].lever == pytest.approx([0.0, 0.121, 0.067, 0.029])
+    assert hand.with_tips().fingers['thumb'].lever == pytest.approx([0.015, 0.0, 0.093, 0.042])
 
 
 def opposed(apart: float) -> RobotDescription:

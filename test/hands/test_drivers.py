@@ -102,7 +102,7 @@ def test_every_hand_knows_its_description_and_its_start(
     name: str, topic: str, advice: str
 ) -> None:
     driver = load_hand(name).driver
-    assert (driver.description, driver.activation[: len(advice)]) == (topic, advice)
+    assert (driver.description, driver.remedy[: len(advice)]) == (topic, advice)
 
 
 @pytest.mark.parametrize('name', ['allegro_v4', 'allegro_plexus'])

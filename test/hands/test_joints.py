@@ -275,14 +275,14 @@ def test_two_sources_of_joint_states_are_named_and_no_motion_or_knock_is_one() -
     made, there = watch(), np.array([0.2, 0.5])
     for k, moved in enumerate([0.0, 0.01, 0.9, 0.91, 0.95, 0.9]):  # others move it once
         made.take(there + np.array([0.0, moved]), 0.01 * k)
-        assert not made.torn(0.01 * k)
+        assert not made.conflicts(0.01 * k)
     for k in range(5):
         made.take(there + 0.6 * (k % 2), 1.0 + 0.01 * k)
-        assert bool(made.torn(1.0 + 0.01 * k)) == (k > 1)
-    assert made.torn(1.3) == (
+        assert bool(made.conflicts(1.0 + 0.01 * k)) == (k > 1)
+    assert made.conflicts(1.3) == (
         'a jumps there and back by 0.600: two sources publish its joint states'
     )
-    assert not made.torn(1.4)
+    assert not made.conflicts(1.4)
 
 
 TEST_MOCK_HAND_LIMITS = JointLimits(np.zeros(2), np.ones(2), np.array([100.0, 0.5]), np.ones(2))

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactile_ros.hands import Finger
-from tactile_ros.hands.kinematics import PadNormal, RobotDescription, turn
+from tactile_ros.hands.kinematics import PadNormal, RobotDescription
 from tactile_ros.types import JointLimits
 
 LINKS = '<link name="palm"/><link name="p"/><link name="d"/><link name="tip"/>'
@@ -71,8 +71,8 @@ def test_a_longer_tip_lies_farther_from_its_last_joint() -> None:
     wanted, slopes = longer.chain('tip', ('j0', 'j1')).pose_and_jacobian(at)
     np.testing.assert_allclose(pose, wanted, atol=1e-12)
     np.testing.assert_allclose(jacobian, slopes, atol=1e-12)
-    np.testing.assert_allclose(longer.tip(('j0', 'j1'), at), wanted[:3, 3], atol=1e-12)
-    assert np.isnan(longer.tip(('j1', 'j0'), at)).all()  # nothing of j1 lies above j0
+    np.testing.assert_allclose(longer.fingertip(('j0', 'j1'), at), wanted[:3, 3], atol=1e-12)
+    assert np.isnan(longer.fingertip(('j1', 'j0'), at)).all()  # nothing of j1 lies above j0
 
 
 def test_chain_begins_at_the_finger_not_at_the_world() -> None:
@@ -89,16 +89,6 @@ def test_limits_that_are_silent_or_zero_come_from_elsewhere() -> None:
     # 3 is a placeholder where the driver moves at 2
     slow = dataclasses.replace(OTHERWISE, velocity=np.full(2, 2.0))
     np.testing.assert_array_equal(RobotDescription(PLANAR).limits(('j1', 'j0'), slow).velocity, 2)
-
-
-def test_rpy_turns_about_fixed_axes() -> None:
-    x, y, z = np.eye(3)
-    quarter = np.pi / 2
-    np.testing.assert_allclose(turn(np.array([quarter, 0, 0])) @ y, z, atol=1e-15)
-    np.testing.assert_allclose(turn(np.array([0, quarter, 0])) @ z, x, atol=1e-15)
-    np.testing.assert_allclose(turn(np.array([0, 0, quarter])) @ x, y, atol=1e-15)
-    # roll first, yaw last
-    np.testing.assert_allclose(turn(np.array([quarter, 0, quarter])) @ y, z, atol=1e-15)
 
 
 ENTITIES = '<!DOCTYPE r [<!ENTITY a "bbbb"><!ENTITY c "&a;&a;&a;">]><robot name="&c;"/>'

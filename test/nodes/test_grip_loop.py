@@ -556,7 +556,7 @@ def test_a_queue_that_is_caught_up_with_is_no_hand_that_is_shut() -> None:
         ((99.0, (), 0.0), 'at most 10 N; received 99'),
         ((float('nan'), (), 0.0), 'received nan'),
         ((1.0, ('nose',), 0.0), "fingers must be of index, middle, ring, thumb; received 'nose'"),
-        ((1.0, (), -1.0), 'timeout must be 0'),
+        ((1.0, (), -1.0), 'timeout of a grasp must be 0'),
     ],
 )
 def test_a_goal_that_cannot_be_is_one_sentence(goal: tuple, sentence: str) -> None:

@@ -533,7 +533,7 @@ def test_goals_that_cannot_be_are_refused_with_their_sentences(
         ({'force': 99.0}, 'target_force must be'),
         ({'force': math.nan}, 'received nan'),
         ({'force': 1.0, 'fingers': ['nose']}, "received 'nose'"),
-        ({'force': 1.0, 'timeout': -1.0}, 'timeout must be'),
+        ({'force': 1.0, 'timeout': -1.0}, 'timeout of a grasp must be'),
     ):
         assert not fingers.ask(ros, **goal).accepted
         assert said in capfd.readouterr().err
