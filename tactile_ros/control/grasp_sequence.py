@@ -201,7 +201,7 @@ class GraspSequence:
             self.progress = self._judged(made)
         return self.progress
 
-    def keep(self, made: GripStep, dt: float) -> str:
+    def judge(self, made: GripStep, dt: float) -> str:
         """Take in a step after the end; why nothing is held any more, or empty.
 
         Touches that fingers had last count while their forces are not known.

@@ -18,13 +18,11 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from tactile_ros.control import GripConfig
-    from tactile_ros.hands.kinematics import RobotDescription
     from tactile_ros.types import Array, Integers, JointLimits
 
 FULL = 0.95  # of the torque at which a drive clips
 SOFTLY = 0.4  # 1/s, approach of drives that give way
 SIDEWAYS = 0.25  # of the longest lever: of joints that the normal force does not load
-WIDEST = 0.12  # m, between thumb and fingers of a hand that has closed
 TELLS = 0.1  # of the fastest joint's motion, below which a joint tells no closure
 
 
@@ -209,7 +207,7 @@ class Finger:
 
     def extend(self, offset: float) -> Finger:
         """The same finger with longer levers of the joints that bend it (m)."""
-        bends = np.abs(self.lever) >= SIDEWAYS * np.abs(self.lever).max()
+        bends = np.abs(self.lever) >= np.abs(self.lever[-1])  # as the last joint does
         return replace(self, lever=self.lever + bends * np.sign(self.lever) * offset)
 
     def caps(self, force: float) -> Array:
@@ -285,24 +283,6 @@ class HandDescription:
         """The same hand with the levers of its real tips, by `tip_offset` of its driver."""
         offset = self.driver.tip_offset
         return replace(self, fingers={n: f.extend(offset) for n, f in self.fingers.items()})
-
-    def refuse_misfit(self, robot: RobotDescription) -> None:
-        """Raise ValueError where thumb and fingers of a description do not meet as they close.
-
-        The postures are those of another hand then: of a right one, say, on a left one.
-        """
-        tips: dict[int, list[Array]] = {0: [], 1: [], -1: []}
-        for finger in self.fingers.values():
-            tips[finger.side].append(robot.fingertip(finger.joints, finger.posture(1.0)))
-        if not (tips[1] and tips[-1]):
-            return
-        apart = float(np.linalg.norm(np.mean(tips[1], axis=0) - np.mean(tips[-1], axis=0)))
-        if apart > WIDEST:
-            msg = (
-                f'thumb and fingers of robot_description are {1e3 * apart:.0f} mm apart where '
-                f'{self.name} has closed: its postures are of another hand, a right one say'
-            )
-            raise ValueError(msg)
 
     def driven_by(self, driver: HandDriver) -> HandDescription:
         """The same hand by another driver; where it names joints anew, they follow by place."""

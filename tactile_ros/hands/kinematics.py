@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 MOST_CHARACTERS = 20_000_000
 MOST_DEPTH = 100
+WIDEST = 0.12  # m, between thumb and fingers of a hand that has closed
 MOVING = ('revolute', 'continuous', 'prismatic')
 
 
@@ -213,6 +214,24 @@ class RobotDescription:
             return np.full(3, np.nan)
         place: Array = Chain(tuple(path), joints).pose_and_jacobian(position)[0][:3, 3]
         return place
+
+    def refuse_misfit(self, hand: str, fingers: Mapping[str, Finger]) -> None:
+        """Raise ValueError where thumb and fingers of a hand do not meet here as they close.
+
+        The postures are those of another hand then: of a right one, say, on a left one.
+        """
+        tips: dict[int, list[Array]] = {0: [], 1: [], -1: []}
+        for finger in fingers.values():
+            tips[finger.side].append(self.fingertip(finger.joints, finger.posture(1.0)))
+        if not (tips[1] and tips[-1]):
+            return
+        apart = float(np.linalg.norm(np.mean(tips[1], axis=0) - np.mean(tips[-1], axis=0)))
+        if apart > WIDEST:  # false of NaN
+            msg = (
+                f'thumb and fingers of robot_description are {1e3 * apart:.0f} mm apart where '
+                f'{hand} has closed: its postures are of another hand, a right one say'
+            )
+            raise ValueError(msg)
 
     def chain(self, frame: str, joints: tuple[str, ...], tip_offset: float = 0.0) -> Chain:
         """Chain from the parent of a finger's first joint to the link `frame` of its pad.

@@ -396,7 +396,7 @@ class GripLoop:
             return (GraspProgress(GraspOutcome.FAULT, gone), '') if grasping else (None, gone)
         if grasping:
             return self._progress(made, dt), ''
-        lost = self._kept.keep(made, dt) if self.law.phase in HOLDING else ''
+        lost = self._kept.judge(made, dt) if self.law.phase in HOLDING else ''
         if lost:
             self.law.release(lost)
         return None, lost

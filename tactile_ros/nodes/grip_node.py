@@ -391,7 +391,7 @@ class GripNode(ManagedNode):
         limits = robot.limits(driver.joints, driver.limits)
         limits = narrowed(limits, driver.limits, self._hand.driver.limits)
         hand = self._described.with_limits(limits)
-        hand.refuse_misfit(robot)
+        robot.refuse_misfit(hand.name, hand.fingers)
         self._next = GripLoop(hand, self._config, self._options.fingers, robot)
         self._renew()
         return True

@@ -101,5 +101,5 @@ def test_what_is_held_is_judged_as_long_as_it_is(
     kept = GraspSequence(CONFIG)
     for change, count in steps:
         for _ in range(count):
-            why = kept.keep(dataclasses.replace(MADE, **change), 0.01)  # type: ignore[arg-type]
+            why = kept.judge(dataclasses.replace(MADE, **change), 0.01)  # type: ignore[arg-type]
     assert why == ('the object was lost' if lost else '')

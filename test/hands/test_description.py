@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from tactile_ros.hands import Finger, list_drivers, list_hands, load_driver, load_hand
 from tactile_ros.hands.description import MOST_BYTES, folder, narrowed, parse
-from tactile_ros.hands.kinematics import RobotDescription
 from tactile_ros.types import JointLimits
 
 FINGER = Finger(
@@ -159,28 +158,6 @@ def test_longer_tips_have_longer_levers_where_joints_bend_the_finger() -> None:
     hand = hand.driven_by(replace(hand.driver, tip_offset=0.005))
     assert hand.with_tips().fingers['index'].lever == pytest.approx([0.0, 0.121, 0.067, 0.029])
     assert hand.with_tips().fingers['thumb'].lever == pytest.approx([0.015, 0.0, 0.093, 0.042])
-
-
-def opposed(apart: float) -> RobotDescription:
-    """A left and a right finger of which the tips are so far apart (m)."""
-    return RobotDescription(
-        '<robot name="two">'
-        + ''.join(
-            f'<joint name="{name}" type="revolute"><parent link="palm"/><child link="{name}"/>'
-            f'<origin xyz="0 {at} 0"/></joint><joint name="{name}_tip" type="fixed">'
-            f'<parent link="{name}"/><child link="{name}_tip"/><origin xyz="0.05 0 0"/></joint>'
-            for name, at in (('left_finger_joint', 0.0), ('right_finger_joint', apart))
-        )
-        + '</robot>'
-    )
-
-
-def test_a_description_whose_fingers_do_not_meet_is_of_another_hand() -> None:
-    hand = load_hand('joint_trajectory')
-    hand.refuse_misfit(opposed(0.1))
-    said = 'robot_description are 230 mm apart where joint_trajectory has closed: its postures'
-    with pytest.raises(ValueError, match=said):
-        hand.refuse_misfit(opposed(0.23))
 
 
 def test_limits_that_a_user_drew_in_stay_so_under_a_description() -> None:
