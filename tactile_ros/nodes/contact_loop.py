@@ -173,15 +173,11 @@ class ContactLoop:
             self.pipeline.estimation = estimation
             return self.statistics.stamp_ns
 
-    def process(self, frame: Frame) -> ContactState:
-        """Estimate from the next frame; one that fails is an ERROR state.
+    def process(self, frames: Sequence[Frame]) -> list[ContactState]:
+        """Estimate from the next frames: the same numbers as one by one, and cheaper.
 
-        Raises ValueError if its shape is not the pipeline's.
+        One that fails is an ERROR state. Raises ValueError if a shape is not the pipeline's.
         """
-        return self.process_all([frame])[0]
-
-    def process_all(self, frames: Sequence[Frame]) -> list[ContactState]:
-        """Estimate from the next frames: the same numbers as one by one, and cheaper."""
         pipeline = self.pipeline
         with self._lock:
             failures = pipeline.failures

@@ -208,7 +208,7 @@ class ContactNode(ManagedNode):
         self._frame_id = frame_id
         now_ns = self.now_ns()
         frames = [self._times.admit(frame, now_ns) for frame in frames]
-        states = self.loop.process_all(frames)
+        states = self.loop.process(frames)
         if self._downstream is not None:
             self._downstream(self.topic, frames, states)
         unknown_as = self._options.unknown_as

@@ -13,7 +13,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from pathlib import Path
 from typing import TypeVar
@@ -29,11 +29,6 @@ MOST_CHARACTERS = 200
 
 Value = bool | int | float | str | list[float] | list[str]
 SOURCES = ('hardware', 'recorded', 'simulated')
-# choices of a hand that hold for its sensors too
-SHARED = (
-    'params_file', 'use_sim_time', 'autostart', 'sensor', 'source', 'stack', 'frame_prefix',
-)  # fmt: skip
-PREFIX = 'before the names of sensor frames in tf, as robot_state_publisher has it; empty: none'
 T = TypeVar('T')
 
 
@@ -156,32 +151,44 @@ class Everywhere:
         )
 
 
-@dataclass(frozen=True)
-class SensorSetup(Everywhere):
-    """Graph of one sensor."""
+@dataclass(frozen=True, kw_only=True)
+class EverySensor(Everywhere):
+    """Choices that hold for every sensor of a graph."""
 
-    sensor: str = choice('reskin_board', 'key of the sensor', list_sensors())
+    sensor: str = choice('reskin_board', 'key of the sensors', list_sensors())
     source: str = choice(
         'hardware',
-        'where frames come from: the sensor, a recording in place of a board, a simulated twin',
+        'where frames come from: sensors, recordings in place of boards, simulated twins',
         SOURCES,
     )
+    stack: bool = choice(
+        False, 'sensors and contacts, of a hand also its grip, in one process by direct calls'
+    )
+    seed: int = choice(
+        0, 'of simulated twins: their signal, noise and faults; counted up from finger to finger'
+    )
+    frame_prefix: str = choice(
+        '', 'before the names of sensor frames in tf, as robot_state_publisher has it; empty: none'
+    )
+
+
+@dataclass(frozen=True)
+class SensorSetup(EverySensor):
+    """Graph of one sensor."""
+
     port: str = choice(PORT, 'serial port; where no board is used, one in a private folder')
     recording: str = choice(
         'spatial', 'recording to play: a name of a shipped one, or a file (.npz)'
     )
     calibration: str = choice('', 'calibration file (.npz); empty: contacts say NOT_CALIBRATED')
     bag: str = choice('', 'folder to record into; empty: nothing is recorded')
-    stack: bool = choice(False, 'sensor and contact in one process by direct calls')
     tare: bool = choice(True, 'the player calls the tare before each touch')
     speed_up: float = choice(1.0, 'recorded time over played time; inf: as fast as the graph goes')
     loop: bool = choice(False, 'the player begins again at the end')
-    seed: int = choice(0, 'of a simulated twin: its signal, noise and faults')
     fault: str = choice('', 'that a simulated twin suffers at the start, as name or name:count')
     frame_id: str = choice(
         '', 'name of the sensor frame in tf; empty: tactile_sensor, or after the namespace'
     )
-    frame_prefix: str = choice('', PREFIX)
 
     @property
     def place(self) -> str:
@@ -193,7 +200,7 @@ class SensorSetup(Everywhere):
 
 
 @dataclass(frozen=True)
-class HandSetup(Everywhere):
+class HandSetup(EverySensor):
     """Graph of a hand with sensors."""
 
     hand: str = choice(
@@ -201,25 +208,16 @@ class HandSetup(Everywhere):
     )
     mock_hand: bool = choice(False, "a fake takes the place of the hand's driver")
     fingers: str = choice('', 'sensors that take part, parted by commas; empty: all of the hand')
-    sensor: str = choice('reskin_board', 'key of the sensors', list_sensors())
-    source: str = choice(
-        'hardware',
-        'where frames come from: the sensors, recordings in place of boards, simulated twins',
-        SOURCES,
-    )
     ports: str = choice(
         '',
         'serial ports in the order of the fingers, with commas; empty: /dev/ttyACM0 and on',
     )
     calibrations: str = choice('', 'folder with <finger>.npz; empty: contacts say NOT_CALIBRATED')
-    stack: bool = choice(False, 'sensors, contacts and grip in one process by direct calls')
     use_robot_description: bool = choice(
         True,
         'take limits, and pads whose frame is a link, from robot_description where it comes',
     )
     wait_for_robot_description: bool = choice(False, 'send nothing before it has come')
-    frame_prefix: str = choice('', PREFIX)
-    seed: int = choice(0, 'of the simulated twins, counted up from finger to finger')
 
     def sensors(self) -> list[str]:
         """Names of the sensors that take part; ValueError if the hand carries no such one."""
@@ -237,7 +235,7 @@ class HandSetup(Everywhere):
         names = self.sensors()
         own = [*ports, *(PORT[:-1] + str(i) for i in range(len(ports), len(names)))]
         below, files = self.namespace.strip('/'), self.calibrations
-        common = {name: getattr(self, name) for name in SHARED}
+        common = {f.name: getattr(self, f.name) for f in fields(EverySensor)}
         return [
             SensorSetup(
                 **{**common, 'namespace': f'{below}/{name}'.lstrip('/'), 'seed': self.seed + i},

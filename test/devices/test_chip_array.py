@@ -249,21 +249,6 @@ def test_chip_array_names_a_dead_chip_and_does_not_wait_for_it(mode: Mode) -> No
 
 
 @both_modes
-def test_chip_array_finds_a_stuck_chip_among_quiet_ones(mode: Mode) -> None:
-    clock = VirtualClock()
-    twin = twin_of(clusters(1), clock, mode)
-    with twin.device(clock.now_ns) as array:
-        for _ in range(50):
-            array.read(1.0)
-        twin.inject('stuck_chip', 30, chip=2)
-        statuses = np.array([array.read(1.0).status for _ in range(60)])
-    assert (statuses[:, [0, 1, 3]] == 0).all()
-    stuck, stale = (statuses[:, 2] & bit > 0 for bit in (TaxelStatus.STUCK, TaxelStatus.STALE))
-    assert np.flatnonzero(stuck).tolist() == list(range(8, 30))  # the tenth alike and on
-    assert np.flatnonzero(stale).tolist() == list(range(1, 30))  # once is no wonder
-
-
-@both_modes
 @pytest.mark.parametrize(
     ('fault', 'count', 'sentence'), [('stuck_bus', 3, 'is stuck'), ('unplug', 1, 'was unplugged')]
 )
@@ -342,30 +327,6 @@ def test_chip_array_reads_the_same_field_with_all_settings(
         assert [registers[i] for i in (4, 5, 6)] == [0x8000] * 3
 
 
-@pytest.mark.parametrize('seed', range(4))
-def test_chip_array_survives_faults_on_faults(seed: int) -> None:
-    """Seeded storms of faults: stamps and sequences go up, what is wrong says so, all recovers."""
-    rng = np.random.default_rng(seed)
-    clock = VirtualClock()
-    places = [*clusters(2), *(ChipPlace(0x0C + i, 1) for i in range(3))]
-    twin = twin_of(places, clock, 'burst' if seed % 2 else 'single', seed)
-    kinds = [fault for fault in twin.faults if fault not in ('stuck_chip', 'unplug')]
-    frames = []
-    with twin.device(clock.now_ns) as array:
-        for i in range(150):
-            if i < 100 and rng.random() < 0.1:
-                twin.inject(str(rng.choice(kinds)), int(rng.integers(1, 4)))
-            try:
-                frames.append(array.read(0.05))
-            except DeviceTimeout:
-                continue
-        frames.append(recover(array, clock))
-    assert (np.diff([frame.stamp_ns for frame in frames]) > 0).all()
-    assert (np.diff([frame.sequence for frame in frames]) > 0).all()
-    assert not any(hidden(frame) for frame in frames)
-    assert sum(not good(frame).all() for frame in frames) > 5
-
-
 def test_chip_array_keeps_no_memory() -> None:
     clock = VirtualClock()
     with twin_of([ChipPlace()], clock).device(clock.now_ns) as array:
@@ -425,20 +386,6 @@ def test_chip_array_opens_through_one_failing_transfer(fault: str, mode: Mode) -
     twin.inject(fault, 1, 0)
     with twin.device(clock.now_ns) as array:
         assert good(array.read(1.0)).all()
-
-
-def test_chip_array_goes_on_after_closing_and_opening() -> None:
-    clock = VirtualClock()
-    array = twin_of(clusters(1), clock, 'burst').device(clock.now_ns)
-    with array:
-        first = array.read(1.0)
-    with pytest.raises(DeviceError, match='chips on simulated-0 are not open'):
-        array.read(0.0)
-    with array:
-        again = array.read(1.0)
-    assert good(again).all()
-    assert again.sequence > first.sequence
-    assert array.counters()['resets'] == 0
 
 
 DIRECT = [ChipPlace(0x0C + i) for i in range(20)]

@@ -22,10 +22,8 @@ from tactile_ros.devices.framed_protocol import (
 from tactile_ros.devices.reskin_protocol import encode
 from tactile_ros.devices.serial_board import FramedBoard, ReskinBoard, SerialBoard
 from tactile_ros.devices.simulated_serial import (
-    BYTE_FAULTS,
     FramedTwin,
     SimulatedSerialPort,
-    damage,
 )
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.errors import DeviceError, DeviceTimeout
@@ -203,26 +201,6 @@ def test_reskin_board_marks_what_it_sees(
     assert all(f.temperature_c is None for f in frames)
 
 
-@pytest.mark.parametrize('fault', BYTE_FAULTS)
-def test_reskin_board_loses_the_damaged_frame_and_one_good_one_at_most(
-    fault: str, port: SimulatedSerialPort, board: ReskinBoard, rows: np.ndarray
-) -> None:
-    sent = [encode(row) for row in rows[:20]]
-    for i, frame in enumerate(sent):
-        port.send(damage(frame, fault, np.random.default_rng(0)) if i == 8 else frame)
-    frames = take(board, 1)
-    while not np.allclose(frames[-1].values, rows[19]):
-        frames += take(board, 1)
-    arrived = [encode(f.values, f.temperature_c) for f in frames]
-    assert sum(frame not in arrived for i, frame in enumerate(sent) if i != 8) <= 1
-    if fault not in ('flipped', 'garbage', 'shifted'):  # those may pass undetected
-        assert all(frame in sent for frame in arrived)
-    last = frames[-1]
-    assert last.sequence == 19 or last.dropped > 1
-    assert last.sequence == len(frames) - 1 + last.dropped
-    assert board.counters()['dropped'] == last.dropped
-
-
 @pytest.mark.parametrize(
     ('stream', 'why'),
     [
@@ -301,28 +279,6 @@ def test_framed_board_reads_every_payload(name: str, clock: VirtualClock) -> Non
         np.testing.assert_allclose([f.temperature_c for f in frames], [wanted] * 20, atol=0.0051)
 
 
-@pytest.mark.parametrize('fault', [*BYTE_FAULTS, 'lost'])
-def test_framed_board_loses_a_damaged_frame_alone_and_counts_it(
-    fault: str, twin: FramedTwin, framed: FramedBoard
-) -> None:
-    frames = []
-    for i in range(30):
-        if i:
-            twin.inject(fault)
-        twin.play(10)
-        frames += read_to(framed, 10 * i + 9)
-    assert twin.injected[fault] == 29
-    shown = [round(f.values[0, 0] / SCALE) for f in frames]
-    assert len(shown) == 300 - 29
-    # damage can make a frame complete with bytes of the next one, which is lost in its place
-    assert sum(i not in shown for i in range(10, 300, 10)) >= 27
-    assert [f.sequence for f in frames] == shown
-    counts = framed.counters()
-    assert counts['dropped'] == frames[-1].dropped == 29
-    seen = counts['crc_errors'] + counts['framing_errors']
-    assert (seen, counts['missing']) == ((0, 29) if fault == 'lost' else (29, 0))
-
-
 def test_framed_board_distinguishes_a_stall_from_a_jump_of_the_clock(
     twin: FramedTwin, framed: FramedBoard
 ) -> None:
@@ -346,25 +302,6 @@ def test_framed_board_distinguishes_a_stall_from_a_jump_of_the_clock(
     # as long as a batch of 20 is: the clock gives the end of the batch to a jump inside of it
     np.testing.assert_allclose(np.diff(stamps), np.diff(taken), rtol=0, atol=20e6)
     assert np.ptp(device - taken) <= 4 * 20e6
-
-
-def test_framed_board_survives_unplugging_and_counts_it(
-    twin: FramedTwin, framed: FramedBoard
-) -> None:
-    twin.play(10)
-    before = read_to(framed, 9)[-1]
-    twin.inject('unplug')
-    twin.play(500)
-    assert str(complaint(framed, 'does not exist')).endswith('trying again')
-    twin.play(501)
-    complaint(framed, 'no frame came')
-    twin.play(10)
-    after = read_to(framed, 1020)
-    assert [f.sequence for f in after] == list(range(11, 21))
-    assert [f.dropped for f in after] == [1] * 10
-    assert framed.counters()['reconnects'] == twin.injected['unplug'] == 1
-    assert framed.counters()['clock_jumps'] == 0
-    assert after[0].device_time_ns > before.device_time_ns
 
 
 def test_framed_board_follows_a_clock_that_wraps_and_drifts(clock: VirtualClock) -> None:
@@ -539,18 +476,6 @@ def marks_of(payload: Payload, counts: np.ndarray) -> np.ndarray:
     return statuses(framed_frames(payload, data)[0])
 
 
-@pytest.mark.parametrize('name', ['gradiometer', 'chips', 'taxels', 'wires'])
-def test_serial_board_that_freezes_is_stale_then_stuck(name: str) -> None:
-    """Sequence and clock of the board go on, its readings do not."""
-    payload = PAYLOADS[name][0]
-    counts = rows_of(payload, 1, 2.0, 400)
-    counts[300:] = counts[299]
-    marks = marks_of(payload, counts)
-    assert not marks[:300].any()
-    assert (marks[304:] & STALE > 0).all()
-    assert (marks[312:] & STUCK > 0).all()
-
-
 def test_serial_board_with_quiet_converters_gives_no_false_alarm() -> None:
     """A frame in four repeats the one before to the last bit, as honest 16-bit readings do."""
     counts = rows_of(gradiometer(), 2, 0.24, 10_000)
@@ -569,16 +494,6 @@ def test_serial_board_of_chips_without_power_is_dead() -> None:
 def test_serial_board_that_never_moved_is_stuck() -> None:
     counts = np.repeat(rows_of(CHIPS, 4, 2.0, 1), 60, axis=0)
     assert (marks_of(CHIPS, counts)[40:] & STUCK > 0).all()
-
-
-def test_reskin_board_that_freezes_is_stale_then_stuck(layout: Layout, rows: np.ndarray) -> None:
-    noisy = rows[0] + 1e-6 * np.random.default_rng(5).normal(size=(100, *rows[0].shape))
-    board = ReskinBoard('unused', layout)
-    board.feed(encode([*noisy, *[noisy[-1]] * 20]))
-    marks = statuses(board.waiting())
-    assert not marks[:100].any()
-    assert (marks[104:] & STALE > 0).all()
-    assert (marks[112:] & STUCK > 0).all()
 
 
 @pytest.mark.parametrize('celsius', [-273.15, 327.67, 0.0])

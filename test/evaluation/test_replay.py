@@ -93,7 +93,7 @@ def record(
             put('frame', make.frame(frame.sequence, frame.values, frame.stamp_ns))
             if i in unseen:
                 continue
-            state = stage.process(frame)
+            state = stage.process([frame])[0]
             message = make.contacts(frame.sequence, frame.stamp_ns)
             fill_contacts(message, state, make.patch)
             put('contacts', message)
@@ -373,7 +373,7 @@ class Run:
     def press(self, number: int) -> None:
         for row in enrolled_skin.press_of(self.presses, number):
             self.frames.append(enrolled_skin.frame_of(len(self.frames), row))
-            self.states.append(self.stage.process(self.frames[-1]))
+            self.states.append(self.stage.process([self.frames[-1]])[0])
 
     def learn(self, label: str, numbers: tuple[int, ...], replace: bool = False) -> EnrolResult:
         ended: queue.Queue[EnrolResult] = queue.Queue()
@@ -520,7 +520,7 @@ def lived(
     for row in rows:
         if row in before:
             assert stage.tare()[0]
-        parts.append(batch_of(stage.process(recording.frame(int(row)))))
+        parts.append(batch_of(stage.process([recording.frame(int(row))])[0]))
     states = gathered(parts, np.arange(len(rows)), len(rows), 5)
     live = LiveContacts(rows, states, recording.stamp_ns[rows], 0) if contacts else None
     return LoadedRecording('x', recording, live, tuple(told))

@@ -70,7 +70,7 @@ class Toy(ContactLoop):
 
     def feed(self, *values: float, status: np.ndarray | None = None) -> None:
         for value in values:
-            self.process(Frame(self.fed, self.fed, np.full((1, 1), float(value)), status=status))
+            self.process([Frame(self.fed, self.fed, np.full((1, 1), float(value)), status=status)])
             self.fed += 1
 
     def refusal(self) -> str:
@@ -167,7 +167,7 @@ def test_a_dead_taxel_that_was_left_out_of_the_fit_does_not_hinder_a_tare() -> N
     announced: list[Frame] = []
     loop = ContactLoop(pipeline, 3, False, announced.append)
     for k in range(5):
-        loop.process(Frame(k, k, values[0] + 1e-6))
+        loop.process([Frame(k, k, values[0] + 1e-6)])
     assert loop.tare()[0]
     expected = np.where(np.arange(5)[:, None] == 2, np.nan, values[0] + 1e-6)
     np.testing.assert_allclose(announced[-1].values, expected)
@@ -176,7 +176,7 @@ def test_a_dead_taxel_that_was_left_out_of_the_fit_does_not_hinder_a_tare() -> N
     np.testing.assert_allclose(pipeline.baseline, expected)
     # a chip that lived in the fit is damage
     loop.reset()
-    loop.process(Frame(9, 9, np.where(np.arange(5)[:, None] == 1, np.nan, values[0])))
+    loop.process([Frame(9, 9, np.where(np.arange(5)[:, None] == 1, np.nan, values[0]))])
     assert not loop.tare()[0]
 
 
@@ -187,7 +187,8 @@ def test_a_stale_taxel_makes_a_frame_invalid_and_none_new_hinders_a_tare() -> No
 
     def feed(sequence: int, stale: list[int]) -> bool:
         bits = np.isin(np.arange(5), stale) * np.uint8(TaxelStatus.STALE)
-        return bool(loop.process(Frame(sequence, sequence, spatial.values[0], status=bits)).valid)
+        frame = Frame(sequence, sequence, spatial.values[0], status=bits)
+        return bool(loop.process([frame])[0].valid)
 
     assert not feed(0, [0, 1, 2, 3, 4])
     assert not loop.tare()[0]
@@ -202,7 +203,7 @@ def test_every_stream_begins_with_its_baseline() -> None:
     assert loop.announced == [(0, 2.0)]
     # together, and yet a stream that begins anew is one
     frames = [Frame(k, k, np.full((1, 1), 2.0)) for k in (4, 5, 0, 1)]
-    assert len(loop.process_all(frames)) == 4
+    assert len(loop.process(frames)) == 4
     assert loop.announced == [(0, 2.0), (0, 2.0)]
     assert loop.pipeline.resets == 1
     assert (loop.statistics.frames, loop.statistics.sequence) == (2, 1)
@@ -236,12 +237,12 @@ def test_a_doubled_or_older_message_does_not_lift_the_guard() -> None:
     loop.feed(5, 5)
     assert not loop.tare()[0]
     for again in (4, 2):
-        loop.process(Frame(again, again, np.full((1, 1), 5.0)))
+        loop.process([Frame(again, again, np.full((1, 1), 5.0))])
         assert loop.is_touching
         assert not loop.tare()[0]
     # activation does: nobody can tell a day's drift from a touch then
     loop.reset()
-    loop.process(Frame(9, 9, np.full((1, 1), 5.0)))
+    loop.process([Frame(9, 9, np.full((1, 1), 5.0))])
     assert loop.tare()[0]
 
 
@@ -288,7 +289,7 @@ def test_a_frame_that_fails_is_an_error_and_memory_begins_anew() -> None:
         loop = ContactLoop(other, 3, True, lambda _: None, said.append)
         loop.reset()
         pieces = [frames[k : k + size] for k in range(0, len(frames), size)]
-        states = [state for piece in pieces for state in loop.process_all(piece)]
+        states = [state for piece in pieces for state in loop.process(piece)]
         assert np.isfinite([state.force[2] for state in states]).sum() == 96
         wanted = wanted or states
         for k, state in enumerate(states):

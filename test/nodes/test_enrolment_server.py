@@ -99,7 +99,7 @@ class Room:
 
     def feed(self, *values: float) -> None:
         for value in values:
-            self.loop.process(Frame(self.count, self.count, np.full((1, 1), value)))
+            self.loop.process([Frame(self.count, self.count, np.full((1, 1), value))])
             self.count += 1
 
     def begin(self) -> None:

@@ -74,7 +74,7 @@ def test_a_stack_is_one_process_that_knows_the_same_of_every_finger() -> None:
 def test_a_recording_is_played_only_where_there_are_some() -> None:
     sentence = 'source must be hardware or simulated; gradiometer has no recordings to play'
     with pytest.raises(ValueError, match=sentence):
-        sensing(SensorSetup('gradiometer', 'recorded'))
+        sensing(SensorSetup(sensor='gradiometer', source='recorded'))
 
 
 def test_ports_are_those_named_or_left_to_the_parameter_file() -> None:
@@ -190,7 +190,9 @@ def test_everybody_who_listens_is_waited_for(stack: bool) -> None:
     assert names(graph) == ['record', *nodes, 'player']
     listeners = [process.parameters.get('listeners') for process in graph.processes]
     assert listeners == [None, *([2] if stack else [2, 3]), 1]
-    twin = SensorSetup('gradiometer', 'simulated', bag='b', stack=stack, seed=3, fault='flipped:2')
+    twin = SensorSetup(
+        sensor='gradiometer', source='simulated', bag='b', stack=stack, seed=3, fault='flipped:2'
+    )
     graph = sensing(twin)
     assert names(graph) == ['record', *nodes]
     got = graph[nodes[-1]].parameters

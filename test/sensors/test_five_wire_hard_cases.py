@@ -197,24 +197,6 @@ def test_a_constant_reading_stays_what_it_says_and_a_rest_is_no_touch() -> None:
     assert np.ptp(states.force[:, 2]) == 0.0
 
 
-@pytest.mark.parametrize('key', ['five_wire_skin', 'taxel_array'])
-@pytest.mark.parametrize('stamps', [[0, 2, 1, 3], [0, 1, 1, 2]], ids=['back', 'equal'])
-def test_unordered_time_is_refused_with_its_row(key: str, stamps: list[int]) -> None:
-    layout = load_sensor(key).layout(load_sensor(key).config())
-    values = np.zeros((4, *layout.shape))
-    with pytest.raises(ValueError, match='must increase inside a stream; row 2'):
-        Recording.from_arrays(layout, values, stamp_ns=10**7 * np.array(stamps))
-
-
-@pytest.mark.parametrize('key', ['five_wire_skin', 'taxel_array'])
-def test_other_counts_are_refused_with_both_named(key: str) -> None:
-    sensor = load_sensor(key)
-    taxels, channels = sensor.layout(sensor.config()).shape
-    for shape in ((taxels + 1, channels), (taxels, channels + 1), (0, channels)):
-        with pytest.raises(ValueError, match=rf'\({taxels}, {channels}\)'):
-            sensor.pipeline().process(Frame(None, 0, np.zeros(shape)))
-
-
 @pytest.mark.parametrize('level', [0.0, 0.4])
 @pytest.mark.parametrize('key', ['five_wire_skin', 'taxel_array'])
 def test_nothing_is_learned_from_one_constant(key: str, level: float) -> None:

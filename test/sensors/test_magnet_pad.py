@@ -579,12 +579,12 @@ def test_tare_brings_its_temperature_live_in_a_file_and_in_a_bag(tmp_path: Path)
     pipeline.save(tmp_path / 'tared.npz')
     baselines: list[Frame] = []
     stage = ContactLoop(SPEC.load(tmp_path / 'tared.npz'), 10, False, baselines.append)
-    state = stage.process(seen.frame(REST + 9))
+    state = stage.process([seen.frame(REST + 9)])[0]
     other = SPEC.load(tmp_path / 'pad.npz')
     other.tare(baselines)
     np.testing.assert_array_equal(other.process(seen.frame(REST + 9)).force, state.force)
     assert stage.tare()[0]
-    state = stage.process(seen.frame(REST + 10))
+    state = stage.process([seen.frame(REST + 10)])[0]
     other.tare(baselines[-1:])
     replayed = other.process(seen.frame(REST + 10))
     assert baselines[-1].averaged == other.tare_frames == 1

@@ -205,14 +205,6 @@ def test_rest_is_taken_away_before_any_model(trial: Trial) -> None:
     np.testing.assert_array_equal(a.label, b.label)
 
 
-def test_saved_and_loaded_it_says_the_same(trial: Trial, tmp_path: Path) -> None:
-    trial.pipeline.save(tmp_path / 'skin.npz')
-    again = SPEC.load(tmp_path / 'skin.npz').process_batch(trial.test)
-    states = trial.pipeline.process_batch(trial.test)
-    np.testing.assert_array_equal(again.label, states.label)
-    np.testing.assert_allclose(again.yaw, states.yaw, atol=1e-12)
-
-
 def new_head(trial: Trial, count: int, seed: int, deep: float = 0.5e-3) -> Recording:
     cross = world.box('wedge', 18e-3, 9e-3)
     places = np.tile([4e-3, -6e-3], (count, 1)) + 3e-5 * trial.rng.normal(size=(count, 2))

@@ -108,20 +108,6 @@ def test_another_ambient_field_is_borne() -> None:
     assert error[1] < 0.7
 
 
-@pytest.mark.parametrize('estimator', SPEC.estimator_names)
-def test_every_estimator_can_be_chosen(estimator: str) -> None:
-    part = RECORDINGS['spatial'].select(slice(0, 400))
-    pipeline = SPEC.pipeline(estimator=estimator).fit(part)
-    assert pipeline.estimators == {'position': estimator}
-    miss = (pipeline.process_batch(part).position - part.truth['position'])[~part.tare, :2]
-    assert np.nanmean(np.linalg.norm(miss, axis=1)) < 3e-3
-
-
-def test_unknown_estimator_is_refused_with_the_names() -> None:
-    with pytest.raises(ValueError, match='ridge, grid_knn'):
-        SPEC.pipeline(estimator='oracle')
-
-
 def jumping_loads(rng: np.random.Generator) -> Recording:
     """Loads that jump from frame to frame after a rest, so that the past tells nothing."""
     rows = np.arange(400)
@@ -171,28 +157,6 @@ def test_a_dead_chip_is_reported(reading: float) -> None:
         assert np.linalg.norm(miss, axis=1).mean() < 3e-3
 
 
-@pytest.mark.parametrize(
-    ('field', 'value'),
-    [
-        ('noise', -1.0),
-        ('noise', np.ones(2)),
-        ('saturation', np.array([1.0, -1.0, 1.0])),
-        ('rate_hz', np.nan),
-        ('positions', np.zeros((0, 3))),
-        ('positions', np.full((5, 3), np.nan)),
-        ('positions', 'hello'),
-    ],
-)
-def test_a_config_that_cannot_be_is_refused(field: str, value: object) -> None:
-    with pytest.raises(ValueError, match=f'{field} of ReskinBoardConfig must'):
-        dataclasses.replace(SPEC.config(), **{field: value})
-
-
-def test_a_fit_on_no_rows_knows_nothing() -> None:
-    empty = Recording.from_arrays(SPEC.layout(SPEC.config()), np.zeros((0, 5, 3)))
-    assert not SPEC.pipeline().fit(empty).calibrated
-
-
 def test_a_known_step_shows_damage_that_looks_like_a_reading() -> None:
     step = np.array([2.4e-6, 2.4e-6, 3.872e-6])
     rows = np.arange(1, 9)[:, None, None] * np.ones((8, 5, 1)) * step
@@ -208,11 +172,6 @@ def test_a_known_step_shows_damage_that_looks_like_a_reading() -> None:
                 frames.append(device.read(5.0))
     assert len(frames) >= len(rows) - 2
     assert not any(np.isclose(frame.values, damaged, rtol=1e-6).any() for frame in frames)
-
-
-def test_a_step_that_is_not_one_number_for_each_channel_is_refused() -> None:
-    with pytest.raises(ValueError, match='step of ReskinBoardConnection must have shape'):
-        SPEC.connection(step=1e-6)
 
 
 def test_stamps_are_the_middle_of_the_conversion_of_the_boards_firmware() -> None:
