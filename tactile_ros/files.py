@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import os
+import shutil
 import stat
 import tempfile
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import yaml
 
 from tactile_ros.errors import TactileError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 KINDS = (
     (stat.S_ISDIR, 'a folder'), (stat.S_ISLNK, 'a link'), (stat.S_ISFIFO, 'a pipe'),
@@ -50,6 +55,28 @@ def write_beside(path: str | os.PathLike[str], data: bytes) -> Path:
         Path(name).unlink(missing_ok=True)
         UNFINISHED.discard(name)
     return target
+
+
+@contextmanager
+def folder_beside(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Give the place of a folder to make, which gets the name `path` once it is whole.
+
+    Raises TactileError where something has that name already.
+    """
+    target = Path(path)
+    if os.path.lexists(target):
+        msg = f'{target} exists already; name a folder that does not'
+        raise TactileError(msg)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    part = tempfile.mkdtemp('.part', f'.{target.name}.', target.parent)
+    UNFINISHED.add(part)
+    try:
+        fresh = Path(part, target.name)
+        yield fresh
+        fresh.rename(target)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+        UNFINISHED.discard(part)
 
 
 def refuse_special(path: Path) -> None:

@@ -1,10 +1,16 @@
-"""Look at ports, permissions, buses and a sensor, and say what to do.
+"""Look at ports, permissions, buses and a sensor, or at a bag, and say what to do.
 
 Nothing is written anywhere. `--probe` asks every I2C bus who answers (NOP and a read of one byte);
 `--sensor` opens that sensor with its driver and reads it for a few seconds.
 
+Of a bag (folder, .mcap or .db3) it shows topics, rates and definitions, frames that are lost,
+repeated or out of time, dead taxels, damage, and what a replay leaves out. `--repair` saves what
+can still be read of a torn bag into a new one.
+
 example:
   tactile doctor
+  tactile doctor my_bag
+  tactile doctor my_bag --repair out/saved
   tactile doctor --sensor reskin_board --port /dev/ttyACM0
   tactile doctor --sensor gradiometer --simulated
   tactile doctor --sensor magnet_pad --set buses=[/dev/i2c-3] --probe --json
@@ -15,6 +21,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import sys
 import time
 from argparse import ArgumentTypeError
 from contextlib import ExitStack
@@ -24,7 +31,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.cli.console import show, working
+from tactile_ros.cli.console import as_objects, show, working
 from tactile_ros.devices.mlx90393 import MUX_ADDRESSES, Command
 from tactile_ros.devices.transport import I2cBus, list_buses, list_ports
 from tactile_ros.errors import (
@@ -33,7 +40,9 @@ from tactile_ros.errors import (
     MissingPackageError,
     NotAcknowledged,
     TactileError,
+    plain,
 )
+from tactile_ros.evaluation.bag_check import check_bag, repair_bag
 from tactile_ros.files import read_yaml
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import TaxelStatus
@@ -42,6 +51,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Sequence
 
+    from tactile_ros.evaluation.bag_check import BagCheck, FrameCheck
     from tactile_ros.sensors.registry import Connection
     from tactile_ros.types import Array, Device, Frame, Layout, SensorConfig
 
@@ -101,6 +111,8 @@ class Trial:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `tactile doctor`."""
+    parser.add_argument('bag', nargs='?', type=Path, help='bag to look at: folder, .mcap or .db3')
+    parser.add_argument('--repair', type=Path, metavar='OUT', help='new folder for what is saved')
     parser.add_argument('--sensor', help='read this sensor for a few seconds')
     parser.add_argument('--simulated', action='store_true', help='read its twin instead')
     parser.add_argument('--seed', type=int, default=0, help='of the twin')
@@ -127,6 +139,10 @@ def run(options: argparse.Namespace) -> int:
     """Look, print, and return 1 where something does not work."""
     if options.sensor is None and (options.simulated or options.set or options.port):
         raise ValueError('--sensor must name the sensor that is meant; received none')
+    if options.bag is not None:
+        return run_bag(options)
+    if options.repair is not None:
+        raise ValueError('--repair must come with the bag that is meant; received none')
     found = packages() + ([] if options.simulated else machine(options.probe))
     if options.sensor is not None:
         found += examine(options)
@@ -136,11 +152,89 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps([asdict(finding) for finding in found], indent=2))
     else:
-        show(('what', 'state', 'found'), [(f.where, f.state, f.what) for f in found])
-        for finding in found:
-            if finding.remedy:
-                print(f'{finding.where}: {finding.remedy}')
+        show_findings(found)
     return int(any(finding.state == BAD for finding in found))
+
+
+def show_findings(found: Sequence[Finding], title: str = '') -> None:
+    """Print a table of findings, then what to do."""
+    show(('what', 'state', 'found'), [(f.where, f.state, f.what) for f in found], title)
+    for finding in found:
+        if finding.remedy:
+            print(plain(f'{finding.where}: {finding.remedy}'))
+
+
+def run_bag(options: argparse.Namespace) -> int:
+    """Look at a bag, print, repair it where asked, and return 1 where something is wrong."""
+    if options.sensor is not None:
+        raise ValueError('--sensor must stand without a bag; received both')
+    if options.repair is not None and os.path.lexists(options.repair):
+        raise ValueError(f'--repair must name a new folder; {options.repair} exists already')
+    with working(f'reading {options.bag}'):
+        check = check_bag(options.bag)
+    found = bag_findings(check)
+    columns = ('topic', 'type', 'messages', 'rate (Hz)', 'longest pause (s)', 'definition')
+    topics = [
+        (name, one.type_name, one.messages, one.rate_hz, one.pause_ns * 1e-9, one.schema)
+        for name, one in sorted(check.topics.items())
+    ]
+    if options.json:
+        listed = {'topics': as_objects(columns, topics), 'findings': [asdict(f) for f in found]}
+        print(json.dumps(listed, indent=2))
+    else:
+        show(columns, topics)
+        show_findings(found, 'findings')
+    if options.repair is not None:
+        with working(f'repairing {options.bag}'):
+            saved = repair_bag(options.bag, options.repair)
+        for sentence in saved.problems:
+            print(plain(f'  left out: {sentence}'), file=sys.stderr)
+        total = saved.counts.total()
+        print(f'bag: {options.repair}, {total} messages of {len(saved.counts)} topics',
+              file=sys.stderr)  # fmt: skip
+    return int(any(finding.state == BAD for finding in found))
+
+
+def bag_findings(check: BagCheck) -> list[Finding]:
+    """Findings of a bag with remedies."""
+    remedy = 'save what can be read: `tactile doctor BAG --repair OUT`'
+    found = [Finding('file', BAD, sentence) for sentence in check.damage]
+    found[-1:] = [replace(one, remedy=remedy) for one in found[-1:]]
+    found += [Finding('replay', BAD, f'leaves out {sentence}') for sentence in check.left_out]
+    if check.foreign:
+        found.append(Finding('replay', NOTE, f'leaves out {", ".join(check.foreign)}'))
+    if not check.sensors:
+        remedy = 'record the topics of a sensor: `tactile record`'
+        found.append(Finding('frames', BAD, 'no frame that could be read', remedy))
+    for space, frames in check.sensors.items():
+        found += [replace(f, where=f'{space} {f.where}'.strip()) for f in _of_frames(frames)]
+    return found
+
+
+def _of_frames(check: FrameCheck) -> list[Finding]:
+    """Findings of the frames of one sensor in a bag."""
+    lost, jumps = check.lost, check.jumps
+    worst = jumps[np.argmax(np.abs(jumps))] if len(jumps) else 0.0
+    rate = 1 / check.period_s
+    share = ', '.join(f'{taxel} ({100 * part:.3g} %)' for taxel, part in check.dead.items())
+    rows = [
+        ('gaps', len(lost), f'{lost.sum()} frames are lost in {len(lost)} gaps, at most '
+         f'{lost.max(initial=0)} at once', 'close what else uses the processor while recording'),
+        ('repeats', check.repeats, f'{check.repeats} frames stand there twice',
+         'check that one node alone publishes them'),
+        ('stamps', len(jumps), f'{len(jumps)} jump, by up to {worst:+.3g} s',
+         'check the clock of the sensor and of its computer'),
+        ('taxels', len(check.dead), f'unusable: {share}',
+         'check their wires and supply; a fit leaves dead taxels out'),
+    ]  # fmt: skip
+    found = [Finding('frames', OK, f'{check.frames}, {rate:.4g} Hz by their stamps')]
+    found += [
+        Finding(name, BAD, what, remedy) if wrong else Finding(name, OK, 'none')
+        for name, wrong, what, remedy in rows
+    ]
+    if check.restarts:
+        found.append(Finding('counter', NOTE, f'began again {check.restarts} times'))
+    return found + [Finding('replay', WARN, f'says: {one}') for one in check.problems]
 
 
 def packages() -> list[Finding]:

@@ -56,6 +56,7 @@ LISTED = re.compile(
 )
 MOST_DAMAGES = 20  # sentences about one file
 ROWS = 512  # of a database, read at a time
+LATCHED = re.compile(r'durability:\s*(?:1\b|transient_local)')  # in offered QoS
 RULE = '=' * 80
 
 
@@ -212,14 +213,19 @@ class BagWriter(Closing):
         """Messages written per topic."""
         return {name: topic.count for name, topic in self._topics.items()}
 
-    def add_topic(self, topic: str, type_name: str, latched: bool = False) -> None:
-        """Announce a topic, latched as transient local; `write` does it by itself."""
+    def add_topic(
+        self, topic: str, type_name: str, latched: bool = False, text: str = ''
+    ) -> None:
+        """Announce a topic, latched as transient local; `write` does it by itself.
+
+        `text` is the definition of a type that is neither ours nor a standard one.
+        """
         with self._lock:
             if topic in self._topics:
                 return
             if type_name not in self._schemas:
-                text = schema_text(type_name).encode()
-                self._schemas[type_name] = self._mcap.register_schema(type_name, 'ros2msg', text)
+                data = (text or schema_text(type_name)).encode()
+                self._schemas[type_name] = self._mcap.register_schema(type_name, 'ros2msg', data)
             offered = {'offered_qos_profiles': qos_text(latched)}
             channel = self._mcap.register_channel(topic, 'cdr', self._schemas[type_name], offered)
             self._topics[topic] = _Topic(channel, type_name, latched)
@@ -340,13 +346,15 @@ class BagContent:
     """Counts, types and texts of a bag, as far as it was read, and sentences about its damage.
 
     `counts` are messages per topic; `types` are of topics with messages, `announced` of all that
-    an index or a channel names; `texts` are definitions by type.
+    an index or a channel names; `texts` are definitions by type; `latched` are topics with
+    transient local QoS.
     """
 
     counts: Counter[str] = field(default_factory=Counter)
     types: dict[str, str] = field(default_factory=dict)
     announced: dict[str, str] = field(default_factory=dict)
     texts: dict[str, str] = field(default_factory=dict)
+    latched: set[str] = field(default_factory=set)
     problems: list[str] = field(default_factory=list)
 
 
@@ -568,6 +576,8 @@ class _McapFile:
         if channel is None or schema is None:
             return None
         self.content.types[channel.topic] = schema.name
+        if LATCHED.search(channel.metadata.get('offered_qos_profiles', '')):
+            self.content.latched.add(channel.topic)
         take: Taker | None = None
         if channel.message_encoding == 'cdr':
             if schema.encoding == 'ros2msg':
@@ -619,9 +629,7 @@ def _read_sqlite(file: Path, content: BagContent, takers: Takers) -> Iterator[No
     count = 0
     try:
         with closing(sqlite3.connect(f'{file.resolve().as_uri()}?mode=ro', uri=True)) as base:
-            listed = list(base.execute('SELECT id, name, type FROM topics'))
-            content.types.update({str(name): str(kind) for _, name, kind in listed})
-            topics = {n: (str(name), takers(str(name), str(kind))) for n, name, kind in listed}
+            topics = dict(_sqlite_topics(base, content, takers))
             rows = base.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY id')
             for number, log_ns, data in rows:
                 count += 1
@@ -633,3 +641,24 @@ def _read_sqlite(file: Path, content: BagContent, takers: Takers) -> Iterator[No
                     yield
     except sqlite3.Error as err:
         content.problems.append(f'{file.name} is damaged after {count} messages: {err}')
+
+
+def _sqlite_topics(
+    base: sqlite3.Connection, content: BagContent, takers: Takers
+) -> Iterator[tuple[int, tuple[str, Taker | None]]]:
+    """Name and taker of every topic by its number; types, texts and QoS join the content."""
+    tables = {name for (name,) in base.execute('SELECT name FROM sqlite_master')}
+    if 'message_definitions' in tables:  # from Iron on
+        wanted = 'topic_type, encoding, encoded_message_definition'
+        for kind, encoding, text in base.execute(f'SELECT {wanted} FROM message_definitions'):
+            if encoding == 'ros2msg':
+                content.texts[str(kind)] = str(text)
+    topics = base.execute('SELECT id, name, type, * FROM topics')
+    columns = [column for column, *_ in topics.description]
+    for row in topics:
+        number, name, kind = row[0], str(row[1]), str(row[2])
+        content.types[name] = kind
+        offered = dict(zip(columns, row, strict=True)).get('offered_qos_profiles')
+        if LATCHED.search(str(offered)):
+            content.latched.add(name)
+        yield number, (name, takers(name, kind))

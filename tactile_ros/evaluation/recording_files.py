@@ -250,7 +250,7 @@ class Bag:
         self._new_sensor = partial(
             SensorBag, layout, association or Association(), wanted, in_pieces=frames is None
         )
-        self._content = BagContent()
+        self.content = BagContent()
         self._truth: dict[tuple[str, str], MessageBuffer] = {}
         self._now_ns = 0
 
@@ -259,7 +259,7 @@ class Bag:
 
         Raises RecordingError if there is no bag, or no frame that could be read.
         """
-        for _ in read_bag(self.path, self._content, self._taker):
+        for _ in read_bag(self.path, self.content, self.taker):
             yield from self._complete(final=False)
         yield from self._complete(final=True)
         if not any(sensor.times for sensor in self.sensors.values()):
@@ -270,11 +270,16 @@ class Bag:
     @property
     def problems(self) -> list[str]:
         """Sentences about the bag as a whole, and about sensors that were left out."""
-        types = self._content.types.items()
-        foreign = sorted(topic for topic, kind in types if not self._role(topic, kind))
+        foreign = self.foreign
         named = [f'topics that are not ours were left out: {", ".join(foreign)}'] * bool(foreign)
         out = [f'{space}/frame was left out: {why}' for space, why in self.left_out.items()]
-        return [*self._content.problems, *named, *out]
+        return [*self.content.problems, *named, *out]
+
+    @property
+    def foreign(self) -> list[str]:
+        """Topics that are not ours."""
+        types = self.content.types.items()
+        return sorted(topic for topic, kind in types if not self._role(topic, kind))
 
     def _role(self, topic: str, kind: str) -> str:
         """Role of a topic for its sensor: the last part of its name, 'truth', or ''."""
@@ -283,12 +288,12 @@ class Bag:
         leaf = topic.rpartition('/')[2]
         return leaf if (leaf, kind) in ROLES else ''
 
-    def _taker(self, topic: str, kind: str) -> Taker | None:
+    def taker(self, topic: str, kind: str) -> Taker | None:
         """Find the function that takes the messages of a topic."""
         role = self._role(topic, kind)
-        text = self._content.texts.get(kind)
+        text = self.content.texts.get(kind)
         if role and text and kind.startswith(f'{PACKAGE}/') and not same_fields(kind, text):
-            self._content.problems.append(f'{kind} of the bag is of another version; left out')
+            self.content.problems.append(f'{kind} of the bag is of another version; left out')
             return None
         if role == 'truth':
             return self._truth.setdefault((topic, kind), MessageBuffer()).append
@@ -300,7 +305,7 @@ class Bag:
 
     def _hand_on(self) -> None:
         """Give truth to the sensors that it is about, as far as the bag has told of sensors."""
-        topics = {**self._content.announced, **self._content.types}.items()
+        topics = {**self.content.announced, **self.content.types}.items()
         spaces = {t.rpartition('/')[0] for t, k in topics if t.endswith('/frame') and k == FRAME}
         for (topic, kind), buffer in self._truth.items():
             hearers = [

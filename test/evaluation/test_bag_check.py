@@ -1,0 +1,229 @@
+"""Checks of bags, and repair of those that were cut at any byte.
+
+`TACTILE_BAG_CUTS=10000` tries so many cuts, which takes minutes.
+"""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from types import SimpleNamespace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from tactile_ros.errors import RecordingError, TactileError
+from tactile_ros.evaluation.bag import BagContent, BagWriter, read_bag
+from tactile_ros.evaluation.bag_check import BagCheck, check_bag, repair_bag
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    WriteBag = Callable[..., Path]
+
+STEP_NS = 10_000_000
+START_NS = 1_000_000_000
+OWN = 'other_msgs/msg/Pair'
+
+
+def messages_of(path: Path) -> tuple[list[tuple[str, int, bytes]], BagContent]:
+    """Topic, log time and data of every message of a bag."""
+    content, found = BagContent(), []
+    for _ in read_bag(path, content, lambda t, _: lambda ns, data: found.append((t, ns, data))):
+        pass
+    return found, content
+
+
+def frames_of(
+    check_of: SimpleNamespace, rows: list[tuple[int, int]], values: np.ndarray | None = None
+) -> BagCheck:
+    """Check of a bag with frames of such sequence and time (steps)."""
+    rng = np.random.default_rng(1)
+    with check_of.open_bag(check_of.path) as bag:
+        bag.put('/finger/layout', check_of.make.layout(), START_NS, latched=True)
+        for k, (sequence, step) in enumerate(rows):
+            given = rng.normal(0.0, 1e-5, 15) if values is None else values[k]
+            stamp = START_NS + step * STEP_NS
+            bag.put('/finger/frame', check_of.make.frame(sequence, given, stamp), stamp)
+    return check_bag(check_of.path)
+
+
+@pytest.fixture
+def made(open_bag: object, make: object, tmp_path: Path) -> SimpleNamespace:
+    return SimpleNamespace(open_bag=open_bag, make=make, path=tmp_path / 'made')
+
+
+def test_check_of_a_whole_bag_finds_topics_and_nothing_wrong(
+    write_bag: WriteBag, tmp_path: Path
+) -> None:
+    check = check_bag(write_bag(tmp_path / 'bag'))
+    assert check.damage == check.left_out == check.foreign == ()
+    frame = check.topics['/frame']
+    assert (frame.messages, frame.schema) == (50, 'as here')
+    assert frame.rate_hz == pytest.approx(100.0)
+    assert frame.pause_ns == STEP_NS
+    assert check.topics['/calibration'].schema == 'in the bag'
+    assert np.isnan(check.topics['/layout'].rate_hz)
+    one = check.sensors['']
+    assert (one.frames, one.repeats, one.restarts) == (50, 0, 0)
+    assert len(one.lost) == len(one.jumps) == 0
+    assert one.period_s == pytest.approx(0.01)
+    assert (one.dead, one.problems) == ({}, ())
+
+
+def test_check_counts_gaps_repeats_restarts_and_jumps_of_stamps(made: SimpleNamespace) -> None:
+    rows = [(k, k) for k in range(20)]
+    rows[10:12] = []  # two frames lost
+    rows += [(19, 19), *((k, k + 7) for k in range(20, 30)), *((k, k + 40) for k in range(10))]
+    rows += [(10, 45), (11, 51)]  # the clock goes back, and forth again
+    one = frames_of(made, rows).sensors['/finger']
+    assert one.lost.tolist() == [2]
+    assert (one.frames, one.repeats, one.restarts) == (len(rows), 1, 1)
+    assert one.jumps.tolist() == pytest.approx([0.07, -0.05, 0.05])
+
+
+def test_check_names_dead_taxels_unless_all_readings_are_coarse(made: SimpleNamespace) -> None:
+    rng = np.random.default_rng(2)
+    values = rng.normal(0.0, 1e-5, (60, 5, 3))
+    values[:, 1] = 3e-5  # stands still
+    values[:, 2] = np.nan
+    values[:40, 3] = 0.0  # no chip reads that
+    rows = [(k, k) for k in range(60)]
+    assert frames_of(made, rows, values).sensors['/finger'].dead == pytest.approx(
+        {1: 1.0, 2: 1.0, 3: 2 / 3}
+    )
+    made.path = made.path.with_name('coarse')
+    still = np.full((60, 5, 3), 3e-5)
+    assert frames_of(made, rows, still).sensors['/finger'].dead == {}
+
+
+def test_check_says_what_a_replay_leaves_out(
+    made: SimpleNamespace, write_bag: WriteBag, tmp_path: Path
+) -> None:
+    with made.open_bag(made.path) as bag:
+        bag.put('/frame', made.make.frame(0, np.zeros(15), START_NS), START_NS)
+        bag.put('/other', made.make.new('String', data='x'), START_NS)
+    check = check_bag(made.path)
+    assert 'layout is not in the bag' in check.left_out[0]
+    assert check.foreign == ('/other',)
+    assert check.sensors == {}
+    lossy = check_bag(write_bag(tmp_path / 'bag', lost=(7, 8)))
+    assert lossy.sensors[''].lost.tolist() == [2]
+    assert '2 messages of /truth/contacts belong to no frame' in lossy.sensors[''].problems
+
+
+def test_check_of_a_type_of_another_version_names_it(made: SimpleNamespace) -> None:
+    with BagWriter(made.path) as bag:
+        kind = 'tactile_ros/msg/TactileFrame'
+        bag.add_topic('/frame', kind, text='uint8 other\n')
+        bag.write('/frame', kind, 1, made.make.cdr(made.make.new('String', data='x')))
+        bag.add_topic('/odd', 'tactile_ros/msg/../../Odd', text='uint8 other\n')
+        bag.write('/odd', 'tactile_ros/msg/../../Odd', 1, b'')
+    check = check_bag(made.path)
+    assert check.topics['/frame'].schema == 'another version'
+    assert check.topics['/odd'].schema == 'another version'
+    assert 'of another version; left out' in check.damage[0]
+
+
+def test_check_refuses_what_is_no_bag(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match='holds no bag'):
+        check_bag(tmp_path)
+    with pytest.raises(RecordingError, match='holds no bag'):
+        check_bag(tmp_path / 'nowhere')
+    (tmp_path / 'junk.mcap').write_bytes(b'hello')
+    assert 'does not begin like an MCAP file' in check_bag(tmp_path / 'junk.mcap').damage[0]
+
+
+def test_repair_of_a_bag_cut_at_any_byte_is_a_closed_bag_that_others_read(
+    write_bag: WriteBag, tmp_path: Path
+) -> None:
+    cuts = int(os.environ.get('TACTILE_BAG_CUTS', '200'))
+    path = write_bag(tmp_path / 'bag', n=12)
+    data = (path / 'bag_0.mcap').read_bytes()
+    whole, _ = messages_of(path)
+    torn, types = tmp_path / 'torn.mcap', get_typestore(Stores.ROS2_HUMBLE)
+    sizes = np.sort(np.random.default_rng(1).integers(0, len(data), cuts))
+    counts = []
+    for number, size in enumerate(sizes.tolist()):
+        torn.write_bytes(data[:size])
+        out = tmp_path / f'out_{number}'
+        try:
+            saved = repair_bag(torn, out)
+        except RecordingError:  # nothing could be saved
+            assert not out.exists()
+            counts.append(0)
+            continue
+        found, content = messages_of(out)
+        assert content.problems == []
+        assert found == whole[: len(found)]
+        counts.append(saved.counts.total())
+        with (out / f'{out.name}_0.mcap').open('rb') as file:
+            reader = make_reader(file, validate_crcs=True)
+            assert reader.get_summary().statistics.message_count == len(found) == counts[-1]
+        with AnyReader([out], default_typestore=types) as reader:
+            assert sum(1 for _ in reader.messages()) == len(found)
+    assert counts == sorted(counts)  # a longer file saves no less
+    assert counts[-1] > len(whole) / 2
+    assert not list(tmp_path.glob('.out_*'))
+
+
+@pytest.mark.parametrize('plugin', [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+def test_repair_keeps_definitions_of_others_and_latched_topics(
+    plugin: StoragePlugin, make: SimpleNamespace, open_bag: Callable[..., object], tmp_path: Path
+) -> None:
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    types.register(get_types_from_msg('float64 one\nfloat64 two\n', OWN))
+    with RosbagsWriter(tmp_path / 'bag', version=9, storage_plugin=plugin) as writer:
+        place = writer.add_connection('/pair', OWN, typestore=types)
+        text = writer.add_connection('/text', 'std_msgs/msg/String', typestore=types)
+        pair = types.types[OWN](one=1.0, two=2.0)
+        writer.write(place, 5, types.serialize_cdr(pair, OWN))
+        writer.write(text, 6, make.cdr(make.new('String', data='x')))
+    saved = repair_bag(tmp_path / 'bag', tmp_path / 'saved')
+    assert (saved.counts, saved.problems) == ({'/pair': 1, '/text': 1}, [])
+    with AnyReader([tmp_path / 'saved']) as reader:
+        ((connection, _, data), _) = reader.messages()
+        assert reader.deserialize(data, connection.msgtype).two == 2.0
+    with open_bag(tmp_path / 'ours') as bag:
+        bag.put('/text', make.new('String', data='x'), 1, latched=True)
+    repair_bag(tmp_path / 'ours', tmp_path / 'again')
+    assert messages_of(tmp_path / 'again')[1].latched == {'/text'}
+
+
+def test_repair_leaves_out_types_that_nobody_defines(
+    made: SimpleNamespace, tmp_path: Path
+) -> None:
+    file = tmp_path / 'bag.db3'
+    with sqlite3.connect(file) as base:
+        base.execute('CREATE TABLE topics(id INTEGER, name TEXT, type TEXT)')
+        base.execute('CREATE TABLE messages(id, topic_id, timestamp, data)')
+        base.execute('INSERT INTO topics VALUES (1, "/a", "no_msgs/msg/None"), (2, "/b", ?)',
+                     ('std_msgs/msg/String',))  # fmt: skip
+        text = made.make.cdr(made.make.new('String', data='x'))
+        base.executemany('INSERT INTO messages VALUES (?, ?, ?, ?)',
+                         [(1, 1, 1, b'x'), (2, 2, -5, text)])  # fmt: skip
+    base.close()
+    saved = repair_bag(file, tmp_path / 'saved')
+    assert saved.counts == {'/b': 1}
+    assert '/a was left out: no definition of message type' in saved.problems[-1]
+
+
+def test_repair_writes_over_nothing(write_bag: WriteBag, tmp_path: Path) -> None:
+    path = write_bag(tmp_path / 'bag', n=3)
+    taken = tmp_path / 'taken'
+    taken.mkdir()
+    (tmp_path / 'link').symlink_to(tmp_path / 'nowhere')
+    for target in (taken, tmp_path / 'link', path):
+        with pytest.raises(TactileError, match='exists already'):
+            repair_bag(path, target)
+    (tmp_path / 'empty.mcap').touch()
+    with pytest.raises(RecordingError, match=r'empty\.mcap is empty'):
+        repair_bag(tmp_path / 'empty.mcap', tmp_path / 'new')
+    assert sorted(p.name for p in tmp_path.iterdir()) == ['bag', 'empty.mcap', 'link', 'taken']
