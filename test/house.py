@@ -20,7 +20,7 @@ ALLOWED = Path(__file__).with_name('allowed.json')
 # Lines of Python, docstrings included. To raise one is a decision: say why in the commit.
 BUDGETS = {
     'types': 850, 'errors': 50, 'calibration': 270, 'messages': 300, 'pipeline': 360,
-    'enrolment': 180, 'files': 120, 'physics': 1_900, 'conditioning': 1_200, 'estimators': 4_600,
+    'enrolment': 180, 'files': 130, 'physics': 1_900, 'conditioning': 1_200, 'estimators': 4_600,
     'sensors': 5_300, 'devices': 3_200, 'control': 1_000, 'hands': 900, 'nodes': 3_300,
     'evaluation': 2_100, 'simulation': 1_200, 'view': 720,  # 470 more for the browser's page
     'cli': 1_270, 'bootstrap': 500, 'benchmarks': 4_500,

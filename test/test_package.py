@@ -88,7 +88,7 @@ def imported(*folders: str) -> set[str]:
                 found.add(node.module)
             elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith('import_module'):
                 found |= {arg.value for arg in node.args if isinstance(arg, ast.Constant)}
-    places = ('benchmarks', 'test')
+    places = ('benchmarks', 'docs', 'test')
     own = {path.stem for place in places for path in (ROOT / place).rglob('*.py')}
     own |= {*places, 'tactile_ros', 'reference', 'worlds', 'harness', 'google', 'outer_rows'}
     top = {name.split('.')[0] for name in found}

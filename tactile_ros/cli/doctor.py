@@ -201,8 +201,8 @@ def bag_findings(check: BagCheck) -> list[Finding]:
     found = [Finding('file', BAD, sentence) for sentence in check.damage]
     found[-1:] = [replace(one, remedy=remedy) for one in found[-1:]]
     found += [Finding('replay', BAD, f'leaves out {sentence}') for sentence in check.left_out]
-    if check.foreign:
-        found.append(Finding('replay', NOTE, f'leaves out {", ".join(check.foreign)}'))
+    if check.unused:
+        found.append(Finding('replay', NOTE, f'leaves out {", ".join(check.unused)}'))
     if not check.sensors:
         remedy = 'record the topics of a sensor: `tactile record`'
         found.append(Finding('frames', BAD, 'no frame that could be read', remedy))

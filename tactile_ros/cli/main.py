@@ -13,7 +13,7 @@ from tactile_ros.errors import TactileError, plain
 
 COMMANDS = {  # with the first line of its module, which alone is imported to run it
     'list': 'Show every sensor: key, paper, transports, how to connect.',
-    'doctor': 'Look at ports, permissions, buses and a sensor, and say what to do.',
+    'doctor': 'Look at ports, permissions, buses and a sensor, or at a bag, and say what to do.',
     'run': 'Run the nodes of a sensor, or of a hand with its sensors, until Ctrl-C.',
     'demo': 'Run a real recording through the real graph, record, replay and report it.',
     'calibrate': "Fit a sensor's estimators to recordings with truth; write a calibration file.",

@@ -136,6 +136,7 @@ def same_fields(type_name: str, text: str) -> bool:
     return stored[type_name][1] == all_types().fielddefs[type_name][1]
 
 
+@lru_cache(maxsize=2)
 def qos_text(latched: bool) -> str:
     """Offered QoS of a topic in the form of rosbag2 metadata versions 4 to 8."""
 

@@ -52,7 +52,7 @@ class TopicCheck:
     last_ns: int = 0
     pause_ns: int = 0  # the longest
 
-    def hear(self, log_ns: int) -> None:
+    def count(self, log_ns: int) -> None:
         """Count a message."""
         if not self.messages:
             self.first_ns = self.last_ns = log_ns
@@ -144,8 +144,9 @@ class TaxelCheck:
     def dead(self) -> dict[int, float]:
         """Taxels that cannot be used in most frames, or stand still where most others do not."""
         share = self._unusable / max(self.frames, 1)
-        lively = np.median(self._moved) > MOSTLY * self.frames if len(share) else False
-        share[(self._moved == 0) & lively] = 1.0
+        usual = self._moved[share <= MOSTLY]
+        if len(usual) and np.median(usual) > MOSTLY * self.frames:
+            share[self._moved == 0] = 1.0
         return {int(i): float(share[i]) for i in np.flatnonzero(share > MOSTLY)}
 
 
@@ -157,7 +158,7 @@ class BagCheck:
     sensors: dict[str, FrameCheck]
     damage: tuple[str, ...]
     left_out: tuple[str, ...]
-    foreign: tuple[str, ...]
+    unused: tuple[str, ...]
 
 
 class _HeardBag(Bag):
@@ -167,14 +168,14 @@ class _HeardBag(Bag):
         super().__init__(path, frames=PIECE)
         self.topics: dict[str, TopicCheck] = {}
 
-    def taker(self, topic: str, kind: str) -> Taker | None:
+    def handler(self, topic: str, kind: str) -> Taker | None:
         """Note the time of a message, then take it as a replay would."""
-        inner = super().taker(topic, kind)
+        inner = super().handler(topic, kind)
         schema = schema_of(kind, self.content.texts.get(kind, ''))
         check = self.topics.setdefault(topic, TopicCheck(kind, schema))
 
         def take(log_ns: int, data: bytes) -> None:
-            check.hear(log_ns)
+            check.count(log_ns)
             if inner is not None:
                 inner(log_ns, data)
 
@@ -215,18 +216,18 @@ def check_bag(path: Path) -> BagCheck:
         for space, one in taxels.items()
     }
     out = tuple(f'{space}/frame: {why}' for space, why in bag.left_out.items())
-    return BagCheck(bag.topics, sensors, damage, out, tuple(bag.foreign))
+    return BagCheck(bag.topics, sensors, damage, out, tuple(bag.unused))
 
 
 @dataclass
-class Repaired:
+class Repair:
     """Messages by topic that were saved, and sentences about what was not."""
 
     counts: Counter[str]
     problems: list[str] = field(default_factory=list)
 
 
-def repair_bag(path: Path, target: Path) -> Repaired:
+def repair_bag(path: Path, target: Path) -> Repair:
     """Write every message that can still be read into a new, closed bag (MCAP).
 
     Raises TactileError if `target` is there already, cannot be written, or nothing can be saved.
@@ -236,7 +237,7 @@ def repair_bag(path: Path, target: Path) -> Repaired:
         with BagWriter(fresh) as writer:
             kinds: dict[str, str] = {}
 
-            def taker(topic: str, kind: str) -> Taker | None:
+            def handler(topic: str, kind: str) -> Taker | None:
                 if kinds.setdefault(topic, kind) != kind:
                     left_out[f'{topic} as {kind}'] = f'it is {kinds[topic]} before'
                     return None
@@ -248,7 +249,7 @@ def repair_bag(path: Path, target: Path) -> Repaired:
                     return None
                 return partial(writer.write, topic, kind)
 
-            for _ in read_bag(path, content, taker):
+            for _ in read_bag(path, content, handler):
                 pass
         saved = type(content.counts)(writer.counts)
         problems = content.problems + [f'{t} was left out: {y}' for t, y in left_out.items()]
@@ -256,4 +257,4 @@ def repair_bag(path: Path, target: Path) -> Repaired:
             why = '; '.join(problems[:3]) or 'it is empty'
             msg = f'{path} holds no message that could be saved ({why})'
             raise RecordingError(msg)
-    return Repaired(saved, problems)
+    return Repair(saved, problems)

@@ -259,7 +259,7 @@ class Bag:
 
         Raises RecordingError if there is no bag, or no frame that could be read.
         """
-        for _ in read_bag(self.path, self.content, self.taker):
+        for _ in read_bag(self.path, self.content, self.handler):
             yield from self._complete(final=False)
         yield from self._complete(final=True)
         if not any(sensor.times for sensor in self.sensors.values()):
@@ -270,13 +270,13 @@ class Bag:
     @property
     def problems(self) -> list[str]:
         """Sentences about the bag as a whole, and about sensors that were left out."""
-        foreign = self.foreign
-        named = [f'topics that are not ours were left out: {", ".join(foreign)}'] * bool(foreign)
+        unused = self.unused
+        named = [f'topics that are not ours were left out: {", ".join(unused)}'] * bool(unused)
         out = [f'{space}/frame was left out: {why}' for space, why in self.left_out.items()]
         return [*self.content.problems, *named, *out]
 
     @property
-    def foreign(self) -> list[str]:
+    def unused(self) -> list[str]:
         """Topics that are not ours."""
         types = self.content.types.items()
         return sorted(topic for topic, kind in types if not self._role(topic, kind))
@@ -288,7 +288,7 @@ class Bag:
         leaf = topic.rpartition('/')[2]
         return leaf if (leaf, kind) in ROLES else ''
 
-    def taker(self, topic: str, kind: str) -> Taker | None:
+    def handler(self, topic: str, kind: str) -> Taker | None:
         """Find the function that takes the messages of a topic."""
         role = self._role(topic, kind)
         text = self.content.texts.get(kind)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.replay import Messages
 from tactile_ros.cli import doctor
 from tactile_ros.cli.doctor import (
     BAD,
@@ -32,7 +34,9 @@ from tactile_ros.devices.simulated_i2c import SimulatedChip, SimulatedI2cBus
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.devices.transport import I2cBus
 from tactile_ros.errors import DeviceError
-from tactile_ros.sensors import list_sensors
+from tactile_ros.evaluation.bag import BagWriter
+from tactile_ros.evaluation.bag_check import check_bag
+from tactile_ros.sensors import list_sensors, load_sensor
 from tactile_ros.types import Device, Frame, Layout, TaxelStatus
 
 LAYOUT = Layout(np.zeros((3, 3)), ('Bx', 'By', 'Bz'), 'T', rate_hz=100.0)
@@ -272,3 +276,56 @@ def test_a_duration_that_cannot_be_is_refused(
     with pytest.raises(SystemExit):
         main(['doctor', '--seconds', text])
     assert 'seconds' in capsys.readouterr().err
+
+
+def test_a_bag_is_shown_with_its_topics_and_what_is_wrong(
+    bag: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['doctor', str(bag)]) == 1
+    shown = capsys.readouterr().out
+    assert re.search(r'/finger/frame +tactile_ros/msg/TactileFrame +17 +84.2 ', shown)
+    assert re.search(r'/finger gaps +bad +3 frames are lost in 2 gaps, at most 2 at once', shown)
+    assert re.search(r'/finger repeats +ok +none', shown)
+    assert re.search(r'replay +note +leaves out /\\x1b\[31mred', shown)
+    assert '\x1b' not in shown
+    assert main(['doctor', str(bag), '--json']) == 1
+    listed = json.loads(capsys.readouterr().out)
+    assert {'topics', 'findings'} == set(listed)
+
+
+def test_a_torn_bag_is_repaired_into_a_new_folder(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    torn, out = tmp_path / 'torn.mcap', tmp_path / 'saved'
+    data = (bag / 'bag_0.mcap').read_bytes()
+    torn.write_bytes(data[: len(data) // 2])
+    command = ['doctor', str(torn), '--repair', str(out)]
+    assert main(command) == 1
+    printed = capsys.readouterr()
+    assert re.search(r'file +bad +torn.mcap is cut off', printed.out)
+    assert 'messages of 2 topics' in printed.err
+    assert check_bag(out).damage == ()
+    assert main(command) == 2
+    assert 'exists already' in capsys.readouterr().err
+    assert main(['doctor', '--repair', str(tmp_path / 'other')]) == 2
+    assert main(['doctor', str(bag), '--sensor', 'reskin_board']) == 2
+    assert main(['doctor', str(tmp_path / 'nowhere')]) == 1
+    assert 'holds no bag' in capsys.readouterr().err
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    """Bag of one sensor with three frames lost, and of a topic whose name colours terminals."""
+    path = tmp_path / 'bag'
+    recording = load_sensor('reskin_board').recordings()['spatial'].select(slice(0, 20))
+    messages = Messages(recording)
+    layout = messages.layout()
+    with BagWriter(path) as writer:
+        writer.write('/finger/layout', layout.__msgtype__, 1, messages.cdr(layout), True)
+        for row in (k for k in range(20) if k not in (5, 6, 11)):
+            stamp = 10_000_000 * (row + 1)
+            frame = messages.frame(Frame(stamp, row, recording.values[row]))
+            writer.write('/finger/frame', frame.__msgtype__, stamp, messages.cdr(frame))
+        text = messages.new('std_msgs/msg/String')
+        writer.write('/\x1b[31mred', text.__msgtype__, 1, messages.cdr(text))
+    return path

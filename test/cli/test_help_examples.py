@@ -80,7 +80,7 @@ PARSED_ALONE = {
         'needs a Dask cluster; test/evaluation/test_fleet.py starts one',
 }  # fmt: skip
 LINES = [*dict.fromkeys([*examples(), *typed_on_pages()])]
-WRITTEN = ('-o', '--save', '--report', '--mcap', '--png')
+WRITTEN = ('-o', '--save', '--report', '--mcap', '--png', '--repair')
 
 
 def in_time(recording: Recording) -> Recording:
