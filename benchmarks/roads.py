@@ -94,7 +94,7 @@ def _live(folder: Path, *, stack: bool) -> Road:
     lasted = 1e-9 * float(recording.stamp_ns[-1] - recording.stamp_ns[0])
     return Road(
         spread((live.log_ns - recording.stamp_ns[live.rows]) * 1e-9), spent / lasted,
-        replayed.agreement.without_contacts, replayed.agreement.largest, replayed.us_per_frame,
+        replayed.agreement.without_contacts, replayed.agreement.largest, replayed.us_single,
     )  # fmt: skip
 
 
@@ -102,7 +102,7 @@ def _offline(folder: Path) -> tuple[float, float]:
     """Microseconds per frame without any graph, one at a time and in a batch."""
     loaded = load(folder / 'rows.npz').recordings[0]
     replayed = replay(loaded, load_sensor(SENSOR).load(folder / 'calibration.npz'))
-    return replayed.us_per_frame, replayed.us_batch
+    return replayed.us_single, replayed.us_batch
 
 
 def _rows(name: str, road: Road) -> list[Row]:

@@ -324,7 +324,7 @@ def judge(part: Part, output: Path, pipelines: list[Pipeline]) -> Dataset:
     untared = replace(loaded, baselines=loaded.baselines[:2], contacts=None, calibrations=())
     name = f'{first.name}, rest found alone'
     again = replay(untared, pipelines[0])
-    alone = answer(name, loaded.recording, again.states, again.us_per_frame, again.us_batch)
+    alone = answer(name, loaded.recording, again.states, again.us_single, again.us_batch)
     latency = np.zeros(0) if part.in_time else dataset.latency_s
     return replace(dataset, answers=(first, alone, *others), latency_s=latency)
 

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from contextlib import suppress
 from copy import copy, deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import cached_property
 from itertools import pairwise
-from math import isnan, nan
+from math import nan
 from time import perf_counter_ns
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -57,62 +58,16 @@ STILL = 0.1  # of the frames, at which a load cell tells least
 CLEAR = 3.0  # standard errors of a mean force
 
 
-@dataclass(frozen=True)
-class Replayed:
-    """States that one pipeline estimates for every row of a recording.
-
-    Attributes
-    ----------
-    states : ContactStates
-        Unknown where a frame was left out.
-    us_per_frame, us_batch : float
-        Wall time of one frame (microseconds): median one by one, and mean of a batch; NaN:
-        nothing was processed.
-    agreement : Agreement or None
-        None: there are no live contacts.
-    problems : tuple of str
-        Sentences that must be read with it.
-    """
-
-    states: ContactStates
-    us_per_frame: float
-    agreement: Agreement | None
-    problems: tuple[str, ...] = ()
-    us_batch: float = float('nan')
-
-
 def replay(
     loaded: LoadedRecording, pipeline: Pipeline, clock_ns: Callable[[], int] = perf_counter_ns
-) -> Replayed:
-    """Run a pipeline, which stays as it is, over a recording as a live node would have.
+) -> Follower:
+    """Follower of a whole recording, with the live run's baselines, else with tare rows.
 
-    The live run's baselines are used, else tare rows. Raises ValueError if the shape differs.
+    Raises ValueError if the shape of the pipeline differs.
     """
-    recording = loaded.recording
-    if recording.layout.shape != pipeline.layout.shape:
-        msg = (
-            f'the recording must have shape {pipeline.layout.shape} (t, c) as the calibration of '
-            f'{pipeline.sensor} says; received {recording.layout.shape}'
-        )
-        raise ValueError(msg)
     follower = Follower(pipeline, loaded.calibrations, loaded.changes, clock_ns)
-    states = follower(loaded)
-    return Replayed(
-        states, follower.us_single, follower.agreement, follower.problems, follower.us_batch
-    )
-
-
-def single_cost(recording: Recording, pipeline: Pipeline, clock_ns: Callable[[], int]) -> float:
-    """Wall time of one frame processed alone (microseconds): the median of the first frames."""
-    spent = []
-    pipeline = copy(pipeline)
-    pipeline.reset()
-    for row in range(min(len(recording), TIMED)):
-        frame = recording.frame(row)
-        begin = clock_ns()
-        pipeline.process(frame)
-        spent.append(clock_ns() - begin)
-    return float(np.median(spent)) / 1000
+    follower(loaded)
+    return follower
 
 
 def compare(live: ContactStates, rows: Integers, states: ContactStates, samples: int) -> Agreement:
@@ -195,9 +150,6 @@ def failure_problems(pipeline: Pipeline, before: int = 0) -> tuple[str, ...]:
 class Follower:
     """One pipeline along a live run, with its memory carried over from piece to piece.
 
-    It is timed (`us_single`, `us_batch`: microseconds of a frame alone and among many, NaN where
-    none was processed) and compared with the live run (`agreement`; None: there are no contacts).
-
     Parameters
     ----------
     pipeline : Pipeline
@@ -206,6 +158,17 @@ class Follower:
         SHA-256 of those of the live run.
     changes : sequence of ClassChange
         Classes that came and went in it; such a run must come in one piece.
+    clock_ns : callable
+        Clock of the time per frame (ns).
+
+    Attributes
+    ----------
+    states : ContactStates
+        Of every row of the last piece; unknown where the live node saw no frame.
+    agreement : Agreement or None
+        With the live run; None: there are no live contacts.
+    frames : int
+        Processed so far.
     """
 
     def __init__(
@@ -216,9 +179,8 @@ class Follower:
         clock_ns: Callable[[], int] = perf_counter_ns,
     ) -> None:
         self.frames = self._spent_ns = 0
-        self.us_single = nan
         self.agreement: Agreement | None = None
-        self._clock_ns = clock_ns
+        self._clock_ns, self._first = clock_ns, cast('Recording | None', None)
         self.began = as_it_began(calibrations, changes, as_live(calibrations, pipeline))
         self.pipeline = deepcopy(self.began) if changes else copy(self.began)
         self.pipeline.reset()
@@ -237,24 +199,38 @@ class Follower:
 
     @property
     def us_batch(self) -> float:
-        """Time of a frame among many (microseconds)."""
+        """Wall time of a frame among many (microseconds); NaN: none was processed."""
         return self._spent_ns / self.frames / 1000 if self.frames else nan
 
-    def __call__(self, piece: LoadedRecording) -> ContactStates:
-        """States of every row of the next piece; unknown where the live node saw no frame."""
-        recording, live = piece.recording, piece.contacts
-        if isnan(self.us_single) and len(piece.seen):
-            self.us_single = single_cost(recording, self.began, self._clock_ns)
-        begin = self._clock_ns()
-        states = self._states(piece)
-        self._spent_ns += self._clock_ns() - begin
-        self.frames += len(piece.seen)
-        if live is not None:
-            agreement = compare(live.states, live.rows, states, len(recording))
-            self.agreement = self.agreement + agreement if self.agreement else agreement
-        return states
+    @cached_property
+    def us_single(self) -> float:
+        """Wall time of a frame alone (microseconds), the median of some; NaN as above."""
+        if self._first is None:
+            return nan
+        pipeline, spent = copy(self.began), []
+        pipeline.reset()
+        for row in range(len(self._first)):
+            frame = self._first.frame(row)
+            begin = self._clock_ns()
+            pipeline.process(frame)
+            spent.append(self._clock_ns() - begin)
+        return float(np.median(spent)) / 1000
 
-    def _states(self, piece: LoadedRecording) -> ContactStates:
+    def __call__(self, piece: LoadedRecording) -> ContactStates:
+        """Estimate from the next piece."""
+        recording, live, count = piece.recording, piece.contacts, len(piece.seen)
+        begin = self._clock_ns()
+        self.states = self._estimate(piece)
+        self._spent_ns += self._clock_ns() - begin
+        self.frames += count
+        if self._first is None and count:
+            self._first = recording.select(slice(0, TIMED))
+        if live is not None:
+            agreement = compare(live.states, live.rows, self.states, len(recording))
+            self.agreement = self.agreement + agreement if self.agreement else agreement
+        return self.states
+
+    def _estimate(self, piece: LoadedRecording) -> ContactStates:
         recording, rows = piece.recording, piece.seen
         taxels = recording.layout.shape[0]
         self.pipeline.check_layout(recording)

@@ -173,7 +173,7 @@ def test_recording_with_tare_rows_runs_as_a_batch_and_is_timed(
     for name in STATE_FIELDS:
         np.testing.assert_array_equal(getattr(replayed.states, name), getattr(batch, name), name)
     assert replayed.agreement is None
-    assert replayed.us_per_frame == 7.0
+    assert replayed.us_single == 7.0
     assert replayed.us_batch == pytest.approx(7.0 / len(spatial))
     shear = load_sensor('reskin_board').recordings()['shear']
     with pytest.raises(ValueError, match=r'must have shape \(5, 3\)'):
@@ -262,7 +262,7 @@ def test_frame_that_fails_costs_itself_alone_without_a_live_run_too(
     assert (replayed.states.taxel_status[failing] & TaxelStatus.ERROR).all()
     assert np.isfinite(wanted[:, 0]).sum() > 100
     np.testing.assert_allclose(replayed.states.position[others], wanted, rtol=0, atol=1e-12)
-    assert np.isfinite(replayed.us_per_frame)
+    assert np.isfinite(replayed.us_single)
     fail_at(monkeypatch, fitted, recording.stamp_ns)
     replayed = replay(LoadedRecording('plain', recording), fitted)
     assert replayed.problems[0].startswith('330 frames cannot be estimated')
@@ -276,7 +276,7 @@ def test_an_empty_live_run_compares_nothing(spatial: Recording, fitted: Pipeline
     loaded = LoadedRecording('x', spatial, LiveContacts(none, states(0), none, 0))
     found = replay(loaded, fitted)
     assert found.agreement.frames == 0
-    assert np.isnan(found.us_per_frame)
+    assert np.isnan(found.us_single)
 
 
 def test_a_live_run_without_tracking_is_replayed_without(
