@@ -40,9 +40,8 @@ from tactile_ros.nodes.lifecycle import qos
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.srv import ForgetContact
 from tactile_ros.types import ContactState, Frame
+from tactile_ros.types.config_fields import admit, number, switch, text_of, whole
 
-MOST_PRESSES = 100
-LONGEST_S = 86_400
 CLOSED = 'contact_node was deactivated'
 CANCELLED = 'cancelled'
 CANDIDATE = ' '  # under which a press is tried: no class can be named so
@@ -54,28 +53,16 @@ ANSWER_S = 30.0
 
 @dataclass(frozen=True)
 class EnrolRequest:
-    """Class to enrol: name, count of presses, time until all are there (s).
+    """Class to enrol; ValueError for what cannot be whatever the stream."""
 
-    With `replace` an earlier class of that name is forgotten first.
-    """
+    label: str = text_of('', 'name of the class')
+    presses: int = whole(1, 'presses that teach it', 1, 100)
+    timeout_s: float = number(60.0, 'time until all presses are there', 's', 1e-3, 86_400)
+    replace: bool = switch(False, 'forget an earlier class of that name first')
 
-    label: str
-    presses: int = 1
-    timeout_s: float = 60.0
-    replace: bool = False
-
-    def check(self) -> None:
-        """Refuse what cannot be whatever the stream, by a ValueError."""
+    def __post_init__(self) -> None:
+        admit(self)
         refuse_name(self.label)
-        if not 1 <= self.presses <= MOST_PRESSES:
-            msg = f'presses of enrol must be 1 to {MOST_PRESSES}; received {self.presses}'
-            raise ValueError(msg)
-        if not 0 < self.timeout_s <= LONGEST_S:
-            msg = (
-                f'timeout of enrol must be above 0, at most {LONGEST_S} s; '
-                f'received {self.timeout_s:g}'
-            )
-            raise ValueError(msg)
 
 
 @dataclass(frozen=True)
@@ -114,10 +101,9 @@ class Enrolment:
         self._withdrawn = ''  # why
         self._file_lock, self._state_lock = threading.Lock(), threading.Lock()
 
-    def check(self, request: EnrolRequest) -> None:
-        """Refuse by a ValueError what cannot be enrolled now."""
+    def check(self) -> None:
+        """Refuse by a ValueError where nothing can be enrolled now."""
         window_of(self._loop.pipeline)
-        request.check()
         if not self._path:
             msg = 'enrol needs a calibration file to keep it in: set calibration'
             raise ValueError(msg)
@@ -298,13 +284,13 @@ class EnrolmentServer:
     def _on_accepted(self, handle: ServerGoalHandle) -> None:
         """Begin; the goal is executed once its result is known, since awaiting one polls."""
         goal, enrolment = handle.request, self.enrolment
-        request = EnrolRequest(goal.label, goal.presses or 1, goal.timeout, goal.replace)
         end = partial(self._end, handle)
         if enrolment is None:
             end(EnrolResult(False, f'enrol {INACTIVE}'))
             return
         try:
-            enrolment.check(request)
+            request = EnrolRequest(goal.label, goal.presses or 1, goal.timeout, goal.replace)
+            enrolment.check()
         except ValueError as err:
             end(EnrolResult(False, str(err)))
             return
