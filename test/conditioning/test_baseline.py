@@ -154,19 +154,6 @@ def test_frames_that_tell_no_temperature_cost_no_others(untold: slice) -> None:
     np.testing.assert_array_equal(one, held)
 
 
-def test_drift_is_followed_at_rest_and_a_held_contact_does_not_fade() -> None:
-    stamp_ns = np.arange(4000) * 10
-    drift = np.linspace(0, 8, 4000)[:, None, None] * np.ones(SHAPE)
-    tracker = BaselineTracker(np.zeros(SHAPE), TRACKING)
-    held = tracker.follow(drift, stamp_ns)[0]
-    assert np.abs(held - drift).max() < 0.2
-    level = tracker.baseline.copy()
-    touch = np.full((2000, *SHAPE), 10.0)
-    tracker.follow(touch, stamp_ns[-1] + 10 + np.arange(2000) * 10)
-    assert np.abs(tracker.baseline - level).max() < 0.2
-    assert tracker.baseline.max() < 8.2
-
-
 @pytest.mark.parametrize('what', ['no stamps', 'no tracking', 'no threshold', 'lost taxel'])
 def test_nothing_is_followed_without(what: str) -> None:
     values, stamp_ns = np.full((50, *SHAPE), 0.5), np.arange(50) * PERIOD_NS

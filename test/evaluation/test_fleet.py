@@ -30,7 +30,6 @@ from tactile_ros.evaluation.fleet import (
 from tactile_ros.evaluation.metrics import ROWS, frames_dropped
 from tactile_ros.evaluation.recording_files import ClassesChangedError, load, save_recording
 from tactile_ros.evaluation.report import environment, figures_of, for_drawing
-from tactile_ros.evaluation.truth import Association
 from tactile_ros.messages import fill_contacts
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame
@@ -292,28 +291,12 @@ def captions(dataset: Dataset) -> list[tuple[str, str]]:
     return [(figure.title, figure.caption) for figure in figures]
 
 
-def test_a_tolerance_is_kept_and_told(bag: Path, pipeline: Pipeline) -> None:
-    found = judged(bag, pipeline)
-    assert found.association['/wrench'] == 'within 10 ms, 0 ms late'
-    assert found.association['/label'].startswith('holds')
-    narrow = judged(bag, pipeline, association=Association(1))
-    assert narrow.association['/wrench'] == 'within 1e-06 ms, 0 ms late'
-    wide = found.answers[0].target('force_z')
-    assert narrow.answers[0].target('force_z').missed == wide.missed
-    lost = [problem for problem in narrow.problems if '/wrench' in problem]
-    assert lost == [f'{2 * FRAMES + 6} messages of /wrench belong to no frame']
-
-
 def test_labels_count_as_the_pipeline_numbers_them(bag: Path, pipeline: Pipeline) -> None:
     assert 'label' not in judged(bag, pipeline).answers[0].hits  # it knows no mug
 
 
 def test_a_bag_of_another_board_is_refused(write_bag: Callable[..., Path], tmp_path: Path) -> None:
-    spec = load_sensor('reskin_board')
-    other = spec.pipeline()
-    path = write_bag(tmp_path / 'bag')
-    if other.layout.shape == (5, 3):
-        other = load_sensor('gradiometer').pipeline()
+    other, path = load_sensor('gradiometer').pipeline(), write_bag(tmp_path / 'bag')
     with pytest.raises(RecordingError, match='which no calibration is for'):
         evaluate_bag(path, {'c': other})
 
