@@ -1,7 +1,7 @@
 # make demo    set everything up and run the main job        make bench    compare, time, report; QUICK=1 for less
 # make test    set everything up and pass the tests          make lint     ruff and mypy alone
 # make setup   set up alone                                  make clean    remove all that make made
-# make words   words and sentences of the pages
+# make words   words and sentences of the pages              make docs     the site, in out/site
 # make lines   budgets of the house beside its lines         make bench-check  quick benches beside the golden figures
 #
 # JOBS=1 and BENCH_JOBS=1 run tests and benches one at a time (2 and 4).
@@ -32,7 +32,7 @@ SOURCED := AMENT_PREFIX_PATH COLCON_PREFIX_PATH CMAKE_PREFIX_PATH PYTHONPATH PYT
   ROS_ETC_DIR VIRTUAL_ENV _ROS_WHEELS_BOOTSTRAP_COMPLETE
 ALONE := env $(addprefix -u ,$(SOURCED))
 
-.PHONY: help setup setup-tests demo test test-oldest lint bench bench-check lines words lock clean
+.PHONY: help setup setup-tests demo test test-oldest lint bench bench-check docs lines words lock clean
 
 help:
 	@sed -n '1,5s/^# //p' Makefile
@@ -62,6 +62,10 @@ bench-check: setup-tests
 # Lines, files and exceptions of every folder beside their budgets.
 lines:
 	@$(firstword $(wildcard .venv/bin/python) $(PYTHON)) test/house.py
+
+# Site of the documentation; broken links end it.
+docs: setup-tests
+	@NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build -q && echo out/site/index.html
 
 # Words of every page, mean and longest sentence.
 words:

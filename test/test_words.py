@@ -11,11 +11,11 @@ from docs.count_words import Page, pages, read
 if TYPE_CHECKING:
     from pathlib import Path
 
-MOST_WORDS = 19_500
+MOST_WORDS = 20_000
 MOST_MEAN = 18.0
 LONGEST = 40
 # longest sentence of pages that still have a longer one; only shrinks
-LONGER = {'README.md': 47, 'docs/hands.md': 42, 'docs/view.md': 55}
+LONGER = {'docs/hands.md': 42, 'docs/view.md': 55}
 PAGES = pages()
 
 

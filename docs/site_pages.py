@@ -1,0 +1,174 @@
+"""Pages of the site that are made from the repository: home, interfaces, parameters, API, design."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import re
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from mkdocs.config.defaults import MkDocsConfig
+    from mkdocs.structure.files import Files
+
+ROOT = Path(__file__).parents[1]
+API = {
+    'Sensors': ('tactile_ros.sensors.load_sensor', 'tactile_ros.sensors.list_sensors',
+                'tactile_ros.sensors.SensorSpec'),
+    'Recordings and frames': ('tactile_ros.types.Recording', 'tactile_ros.types.Frame',
+                              'tactile_ros.types.Outline',
+                              'tactile_ros.evaluation.recording_files'),
+    'Pipeline': ('tactile_ros.pipeline.Pipeline',),
+    'Contacts': ('tactile_ros.types.ContactState', 'tactile_ros.types.ContactStates',
+                 'tactile_ros.types.Contact'),
+    'Messages': ('tactile_ros.messages',),
+    'Published methods': (
+        'tactile_ros.estimators.few_shot', 'tactile_ros.estimators.grid_knn',
+        'tactile_ros.estimators.polynomial_force', 'tactile_ros.estimators.object_pose',
+        'tactile_ros.estimators.rbf_force',
+    ),
+    'Estimation': ('tactile_ros.estimators.model_inversion', 'tactile_ros.estimators.regression',
+                   'tactile_ros.estimators.covariance'),
+    'Grip control': ('tactile_ros.control.grip_force',),
+    'Sensor of your own': ('tactile_ros.types.contracts',),
+}  # fmt: skip
+FLOORS = re.compile(r'```\n6 .*?```', re.S)
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the pages that are made; called by mkdocs."""
+    from mkdocs.structure.files import File
+
+    for name, text in made_pages().items():
+        files.append(File.generated(config, name, content=text))
+    return files
+
+
+def made_pages() -> dict[str, str]:
+    """Text of every page that is made, by its name."""
+    sys.path[:0] = [str(ROOT), str(ROOT / 'test')]
+    pages: dict[str, Callable[[], str]] = {
+        'index.md': lambda: moved('README.md'),
+        'contributing.md': lambda: moved('CONTRIBUTING.md'),
+        'ros_reference.md': ros_reference,
+        'api.md': api,
+        'design.md': design,
+    }
+    return {name: make() for name, make in pages.items()}
+
+
+def moved(name: str) -> str:
+    """A page of the top folder with its links as seen from docs/."""
+    text = (ROOT / name).read_text().replace('](docs/', '](').replace('`docs/', '`')
+    text = text.replace('](CONTRIBUTING.md)', '](contributing.md)')
+    # files that are not pages stay names
+    return re.sub(r'\[([^]]+)\]\((CHANGELOG\.rst|QUALITY_DECLARATION\.md|LICENSE|benchmarks/[^)]*)\)', r'\1 (`\2`)', text)
+
+
+def table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
+    """A table of Markdown."""
+    lines = [list(head), ['---'] * len(list(head)), *map(list, rows)]
+    cells = [[str(cell).replace('|', '\\|').replace('\n', ' ') for cell in line] for line in lines]
+    return '\n'.join(f'| {" | ".join(line)} |' for line in cells) + '\n'
+
+
+def ros_reference() -> str:
+    """Interfaces as their files say them, and the parameters of every node."""
+    parts = ['# Interfaces and parameters', 'All units are SI; arrays are flattened row by row.']
+    for folder in ('msg', 'srv', 'action'):
+        parts.append(f'## {folder}')
+        for path in sorted((ROOT / folder).iterdir()):
+            parts += [f'### {path.stem}', f'```text\n{path.read_text().strip()}\n```']
+    parts += ['## Parameters of nodes', *node_parameters()]
+    parts += ['## Parameters of sensors', *sensor_parameters()]
+    return '\n\n'.join(parts) + '\n'
+
+
+def node_parameters() -> list[str]:
+    """A table for each class of options, read from the source: ROS need not be there."""
+    tree = ast.parse((ROOT / 'tactile_ros/nodes/parameters.py').read_text())
+    parts = []
+    for node in tree.body:
+        if not isinstance(node, ast.ClassDef) or not node.name.endswith('Options'):
+            continue
+        rows = [row_of(item) for item in node.body if isinstance(item, ast.AnnAssign)]
+        doc = (ast.get_docstring(node) or '').split('\n')[0]
+        parts += [f'### {node.name}', doc, table(('name', 'default', 'range', 'meaning'), rows)]
+    return parts
+
+
+def row_of(item: ast.AnnAssign) -> tuple[str, ...]:
+    """Name, default, range and meaning of one field that is made by `parameter`."""
+    call = item.value
+    assert isinstance(call, ast.Call)
+    about = {word.arg: ast.unparse(word.value) for word in call.keywords}
+    bounds = about.get('range') or about.get('choices') or ''
+    text = ast.unparse(call.args[1]).strip('\'"')
+    return ast.unparse(item.target), f'`{ast.unparse(call.args[0])}`', bounds, text
+
+
+def sensor_parameters() -> list[str]:
+    """A table for each sensor's config, from the metadata of its fields."""
+    from tactile_ros.sensors import list_sensors, load_sensor
+
+    parts = []
+    for key in list_sensors():
+        config = load_sensor(key).config()
+        rows = []
+        for entry in dataclasses.fields(config):
+            about: dict[str, Any] = dict(entry.metadata)
+            value = getattr(config, entry.name)
+            shown = f'`{value}`' if isinstance(value, (bool, int, float, str)) else ''
+            bounds = about.get('choices') or about.get('range') or ''
+            rows.append((f'`{entry.name}`', shown, about.get('unit', ''), bounds, about['help']))
+        parts += [f'### {key}', table(('name', 'default', 'unit', 'range', 'meaning'), rows)]
+    return parts
+
+
+def api() -> str:
+    """Reference of the public classes and functions, from their docstrings."""
+    parts = ['# Python API']
+    for title, names in API.items():
+        parts += [f'## {title}', *(f'::: {name}' for name in names)]
+    return '\n\n'.join(parts) + '\n'
+
+
+def design() -> str:
+    """Floors of the house, its folders and their lines beside the budgets."""
+    import house
+
+    floors = FLOORS.search((ROOT / 'CONTRIBUTING.md').read_text())
+    assert floors is not None
+    rows = [
+        (f'`{name}`', house.lines_of(name), budget, ', '.join(modules_of(name)))
+        for name, budget in house.BUDGETS.items()
+    ]
+    return '\n\n'.join([
+        '# Design',
+        'A frame goes from the bytes of a board through a driver, conditioning and an estimation '
+        'to a contact; a grip turns contacts into commands. Live, batch and replay run the same '
+        'pipeline and give the same numbers to 1e-9.',
+        '## Floors',
+        'Imports run downward only; folders of one floor do not import one another. A test '
+        'asserts it.',
+        floors[0],
+        '## Folders',
+        'Lines of Python beside the budget that each folder is to reach; none may grow without a '
+        'visible change of the test.',
+        table(('folder', 'lines', 'budget', 'modules'), rows),
+    ]) + '\n'  # fmt: skip
+
+
+def modules_of(name: str) -> list[str]:
+    """Modules and packages of a folder of the package."""
+    folder = ROOT / 'tactile_ros' / name
+    if not folder.is_dir():
+        return []
+    return sorted(
+        path.stem for path in folder.iterdir()
+        if (path.suffix == '.py' or (path / '__init__.py').exists()) and path.stem[0] != '_'
+    )  # fmt: skip
