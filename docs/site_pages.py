@@ -1,4 +1,4 @@
-"""Pages of the site that are made from the repository: home, interfaces, parameters, API, design."""
+"""Pages of the site made from the repository: home, interfaces, parameters, API, design."""
 
 from __future__ import annotations
 
@@ -36,6 +36,10 @@ API = {
     'Grip control': ('tactile_ros.control.grip_force',),
     'Sensor of your own': ('tactile_ros.types.contracts',),
 }  # fmt: skip
+# links to files that are no pages of the site: they stay as names
+LEFT_OUT = re.compile(
+    r'\[([^]]+)\]\((CHANGELOG\.rst|QUALITY_DECLARATION\.md|LICENSE|benchmarks/[^)]*)\)'
+)
 FLOORS = re.compile(r'```\n6 .*?```', re.S)
 
 
@@ -65,8 +69,7 @@ def moved(name: str) -> str:
     """A page of the top folder with its links as seen from docs/."""
     text = (ROOT / name).read_text().replace('](docs/', '](').replace('`docs/', '`')
     text = text.replace('](CONTRIBUTING.md)', '](contributing.md)')
-    # files that are not pages stay names
-    return re.sub(r'\[([^]]+)\]\((CHANGELOG\.rst|QUALITY_DECLARATION\.md|LICENSE|benchmarks/[^)]*)\)', r'\1 (`\2`)', text)
+    return LEFT_OUT.sub(r'\1 (`\2`)', text)
 
 
 def table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:

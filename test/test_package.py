@@ -74,7 +74,10 @@ STARTED = {
     'rosidl_default_runtime': 'libraries of the generated messages',
     'tf2_ros': 'its static_transform_publisher is started by launch files',
 }
-TOOLS = {'mypy', 'pytest_xdist', 'ruff', 'types_pyserial', 'types_pyyaml'}
+TOOLS = {
+    'mkdocs_material', 'mkdocstrings_python', 'mypy', 'pytest_xdist', 'ruff', 'types_pyserial',
+    'types_pyyaml',
+}  # fmt: skip
 
 
 def imported(*folders: str) -> set[str]:

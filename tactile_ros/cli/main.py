@@ -21,7 +21,7 @@ COMMANDS = {  # with the first line of its module, which alone is imported to ru
     'record': 'Record what a replay needs of one sensor into a bag, until Ctrl-C.',
     'replay': 'Evaluate recordings against their truth, without ROS, and against the live run.',
     'report': 'Gather what benches found into one HTML page: aims held, missed, speed, error.',
-    'view': 'Show taxels, contacts, forces and grip in Foxglove: live, recorded or simulated.',
+    'view': 'Show taxels, contacts, forces and grip live in the browser, or in Foxglove.',
     'design': 'Trade geometry and materials of a sensor for what it shall measure, by physics.',
     'bench': 'Compare with published figures and with peers, then time; write json.',
 }

@@ -20,6 +20,7 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
 import tactile_ros.sensors.gradiometer.disc_model as disc
+from tactile_ros.conditioning.baseline import training_baseline_variance
 from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.evidence import Influence, learn_noise
 from tactile_ros.estimators.model_inversion import (
@@ -322,7 +323,8 @@ class GradiometerEstimation(Estimation):
         rough = replace(frames, noise=np.hypot(frames.noise, ROUGH))
         states = self.invert(rough).states
         begin, noise = disc.polynomial_fit(self.model, states[:touched], f[:touched])
-        model = replace(self.model, answer_noise=noise)
+        usual, tare = self.model.parameter_sigma, self._tare_noise(signals, rows[:touched])
+        model = replace(self.model, answer_noise=noise, parameter_sigma=np.hypot(usual, tare))
         fit = calibrate(model, rough, f, states, begin=begin, gain=1e-3)
         if self._seeks_lag:
             self._learn_lag(signals, model, references, fit, rows[:touched])
@@ -336,10 +338,12 @@ class GradiometerEstimation(Estimation):
             model = learn_noise(model, fit, influence, learned, kinds)
             noise = np.maximum(model.answer_noise, disc.LEAST_NOISE * self.spread_)
             model = replace(model, answer_noise=noise)
-        self.widths_ = {'state': model.state_sigma.copy(), 'parameters': model.parameter_sigma}
+        known = np.where(tare > 0, usual, model.parameter_sigma)
+        self.widths_ = {'state': model.state_sigma.copy(), 'parameters': known}
         self.widths_['state'][disc.LABEL] = 0.0
         self.label_noise_ = model.answer_noise
-        self._take(fit)
+        share = 1 / (1 + np.square(tare / np.maximum(known, TINY)))
+        self._take(without_tare(fit, self.model, share))
         errors, stated = (part[:touched] for part in influence.held_out(group))
         states = fit.states[:touched]
         self._judge(
@@ -347,6 +351,15 @@ class GradiometerEstimation(Estimation):
         )
         if self.method_ == 'inversion' and self.config.stray_term:
             self._judge_magnets(self._frames(signals, self.start()), rows[:touched])
+
+    def _tare_noise(self, signals: Signals, rows: Integers) -> Array:
+        """Noise (p,) of the calibration's tares in each parameter: offsets alone (mT)."""
+        noise, variance = np.zeros(len(self.model.parameter_sigma)), signals.baseline_variance
+        if self.tared_ and variance is not None:
+            count = len(self.config.positions)
+            share = training_baseline_variance(signals.baseline[rows], variance[rows])
+            noise[9 * count : 11 * count] = self.noise_ / disc.MT * np.sqrt(share)
+        return noise
 
     def _calibration_frames(
         self, signals: Signals, stray: Array, rows: Integers, touched: int
@@ -738,3 +751,11 @@ def at_rest(signals: Signals, truth: Columns) -> Bools:
     if 'in_contact' in truth:
         return np.asarray(np.asarray(truth['in_contact']) == 0)
     return np.asarray(free | (signals.in_contact == 0))
+
+
+def without_tare(fit: Calibration, prior: ModelPrior, share: Array) -> Calibration:
+    """Calibration for other tares: of its own tare's noise only shares (p,) of offsets stay."""
+    away = fit.parameters - prior.parameters
+    covariance = fit.covariance * np.outer(share, share)
+    covariance[np.diag_indices(len(share))] += (1 - share) * prior.parameter_sigma**2
+    return replace(fit, parameters=prior.parameters + share * away, covariance=covariance)

@@ -146,6 +146,8 @@ class TaxelRegression(Regression):
         Of outputs at rest (fraction).
     idle_ : ndarray, shape (t,)
         Error of the force of a taxel that bears nothing (N).
+    light_ : float
+        Error of the force of a lightly loaded taxel, where laws are the least certain (N).
     spread_ : float
         Error of a taxel's force in parts of it.
     total_ : CovarianceModel or None
@@ -169,6 +171,7 @@ class TaxelRegression(Regression):
         self.silent_: Bools = np.zeros(taxels, bool)
         self.noise_: Array = np.full(taxels, QUANTUM)
         self.idle_: Array = np.zeros(taxels)
+        self.light_ = 0.0
         self.spread_ = UNLEARNED
         self.total_: CovarianceModel | None = None
         self.learned_: LearnedObject | None = None
@@ -265,10 +268,13 @@ class TaxelRegression(Regression):
             vars(self).pop(name, None)
         signals = self.unmixing(signals)
         good, output = signals.good, signals.delta[..., 0]
-        rest = output[(signals.in_contact == 0) & good]
+        force = reference(truth, 'taxel_force', good)
+        untouched = (signals.in_contact == 0)[good]
+        if force is not None:  # a load too light to be seen as a contact is no rest
+            untouched &= ~(np.nan_to_num(force) > 0).any(axis=1)
+        rest = output[good][untouched]
         seen = rest.std(axis=0) if len(rest) > 2 else np.zeros(output.shape[1])
         self.noise_ = np.maximum(np.nan_to_num(seen), QUANTUM)
-        force = reference(truth, 'taxel_force', good)
         self.silent_ = silent_taxels(output[good], force, self.noise_)
         _ = self.objects  # made now, not under the first frame
         if self.only not in LAWS:
@@ -341,6 +347,8 @@ class TaxelRegression(Regression):
         self.idle_ = np.maximum(np.sqrt(0.5 * (squared + squared.mean())), noise)
         heavy = np.isfinite(miss) & (force > HEAVY * np.nanmax(force))
         parts = (miss / np.where(heavy, force, 1.0))[heavy]
+        light = np.isfinite(miss) & (force > 0) & ~heavy
+        self.light_ = float(np.sqrt(np.mean(miss[light] ** 2))) if light.any() else 0.0
         self.spread_ = UNLEARNED
         if len(parts):
             self.spread_ = max(float(np.sqrt(np.mean(parts**2))), LEAST_SPREAD)
@@ -451,7 +459,7 @@ class TaxelRegression(Regression):
         fill_rows(np.ascontiguousarray(forces), self.near, self.config.areas, load)
         variance = np.square(self._parts(load) * load)
         if self.law_ is not None:
-            variance += self.idle_**2
+            variance += self.idle_**2 + np.where(load > LIGHT * self.idle_, self.light_**2, 0.0)
         lost = np.isnan(forces)
         if np.count_nonzero(lost):
             variance[lost] = np.square(GUESSED * load[lost])
