@@ -11,6 +11,8 @@ from benchmarks.harness.independent import TASKS, figure
 def main(names: list[str]) -> None:
     """Print the figures of tasks, or what there are."""
     known = {task.name: (sensor, task) for sensor, tasks in TASKS.items() for task in tasks}
+    if unknown := [name for name in names if name not in known]:
+        sys.exit(f'a task must be one of {", ".join(known)}; received {unknown[0]}')
     for name in names or known:
         sensor, task = known[name]
         if not names:
