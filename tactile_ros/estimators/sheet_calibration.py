@@ -19,7 +19,7 @@ import numpy as np
 from scipy import sparse
 
 from tactile_ros.estimators.few_shot import share_of
-from tactile_ros.physics.elastomer import Layer, PunchDents
+from tactile_ros.physics.elastomer import Layer, PunchDents, tilted_pressure
 from tactile_ros.physics.magnet_sheet import Sheet
 from tactile_ros.types import Array, Outline
 
@@ -376,7 +376,7 @@ class SheetCalibration:
         """Movements (m) and rotations (rad), (g, 3) each, of the dipoles under a press."""
         if id(press.outline) not in self._loads:
             self._loads[id(press.outline)] = (
-                press.outline, *model.dents.tilted_loads(press.outline)
+                press.outline, *tilted_pressure(press.outline.loops, model.dents.body)
             )
         _, points, loads = self._loads[id(press.outline)]
         images = model.dents.images(points, state[3:6] @ loads, state[:3])

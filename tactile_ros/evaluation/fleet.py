@@ -123,9 +123,10 @@ class _Collected:
     def answer(self, calibration: str, whole: LoadedRecording, states: ContactStates) -> Answer:
         """Judge all estimates."""
         done = self.follower
+        name = ', '.join(dict.fromkeys(done.began.estimators.values())) or 'not calibrated'
         recording = replace(whole.recording, truth=as_answered(whole, done.pipeline))
         return replace(
-            answer(label_of(done.began), recording, states, done.us_single, done.us_batch),
+            answer(name, recording, states, done.us_single, done.us_batch),
             calibration=calibration, frames=done.frames, agreement=done.agreement,
             problems=done.problems,
         )  # fmt: skip
@@ -191,11 +192,6 @@ class Evaluation:
             source=source, sensor=whole.name,
             seconds=float('nan') if stamps is None else float(stamps[-1] - stamps[0]) * 1e-9,
         )  # fmt: skip
-
-
-def label_of(pipeline: Pipeline) -> str:
-    """Names of the estimators in use."""
-    return ', '.join(dict.fromkeys(pipeline.estimators.values())) or 'not calibrated'
 
 
 def as_answered(whole: LoadedRecording, pipeline: Pipeline) -> Columns:

@@ -15,7 +15,6 @@ from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.cdr_columns import (
     CONTACTS,
     STRING,
-    Rows,
     blank_column,
     read_contacts,
     read_rows,
@@ -185,11 +184,6 @@ STANDARD: dict[str, Callable[[Columns], Columns]] = {
 TRUTH_TYPES = (*STANDARD, STRING, CONTACTS)
 
 
-def read_standard(messages: Sequence[bytes], type_name: str) -> Rows:
-    """Truth by key, and `stamp_ns`, of serialised messages of one of the types of `STANDARD`."""
-    return read_rows(messages, type_name, STANDARD[type_name])
-
-
 class TruthTopic:
     """Messages of one topic that tell the truth about one sensor.
 
@@ -223,7 +217,7 @@ class TruthTopic:
             found = (
                 read_contacts(messages, taxels, [key for key in TRUTH_KEYS if key in wanted])
                 if self.type_name == CONTACTS
-                else read_standard(messages, self.type_name)
+                else read_rows(messages, self.type_name, STANDARD[self.type_name])
             )
             rows = found.rows
             part = {

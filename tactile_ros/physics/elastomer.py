@@ -350,10 +350,6 @@ class PunchDents:
         """Points (p, 2) (m) in the outline's frame and loads (p,) per depth (N / m)."""
         return punch_pressure(outline.loops, self.body)
 
-    def tilted_loads(self, outline: Outline) -> tuple[Array, Array]:
-        """Points (p, 2) (m), and loads (3, p) per depth (N / m) and per slopes (N)."""
-        return tilted_pressure(outline.loops, self.body)
-
     def images(self, points: Array, loads: Array, pose: Array) -> Array:
         """Movements and turns for a unit of depth under `loads` at a pose (3,) (m, m, rad).
 

@@ -14,9 +14,10 @@ from tactile_ros.evaluation.cdr_columns import (
     read_columns,
     read_contacts,
     read_frames,
+    read_rows,
     read_texts,
 )
-from tactile_ros.evaluation.truth import read_standard
+from tactile_ros.evaluation.truth import STANDARD
 
 if TYPE_CHECKING:
     from types import SimpleNamespace
@@ -107,13 +108,15 @@ def test_a_length_that_cannot_be_is_refused_and_not_believed(make: SimpleNamespa
 
 def test_load_cells_probes_and_texts(make: SimpleNamespace) -> None:
     wrench = make.wrench(123456789012, (1, 2, 3), (4, 5, 6))
-    told = read_standard([make.cdr(wrench)] * 2, 'geometry_msgs/msg/WrenchStamped')
+    kind = 'geometry_msgs/msg/WrenchStamped'
+    told = read_rows([make.cdr(wrench)] * 2, kind, STANDARD[kind])
     assert told.arrays['stamp_ns'].tolist() == [123456789012] * 2
     assert told.arrays['force'].tolist() == [[1.0, 2.0, 3.0]] * 2
     turned = make.new('Pose', orientation=make.new('Quaternion', z=1.0))
     probe = make.new('PoseStamped', header=make.header(5), pose=turned)
     nowhere = make.new('PoseStamped', header=make.header(6))  # of a quaternion that is none
-    told = read_standard([make.cdr(probe), make.cdr(nowhere)], 'geometry_msgs/msg/PoseStamped')
+    kind = 'geometry_msgs/msg/PoseStamped'
+    told = read_rows([make.cdr(probe), make.cdr(nowhere)], kind, STANDARD[kind])
     np.testing.assert_allclose(np.diag(told.arrays['object_pose'][0]), [-1, -1, 1, 1])
     assert np.isnan(told.arrays['object_pose'][1, :3, :3]).all()
     rows, texts = read_texts([b'', make.cdr(make.new('String', data='mug'))])
