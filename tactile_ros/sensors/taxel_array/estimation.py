@@ -362,6 +362,7 @@ class TaxelRegression(Regression):
         if self.only or not whole.all():
             return
         load, variance = self._loads(found)
+        variance = self._of_sums(load, variance)
         wrong = np.nansum(miss, axis=1) * (force.any(axis=1))
         if 'force' in truth:
             total = np.asarray(truth['force'], np.float64)[good, 2]
@@ -459,11 +460,15 @@ class TaxelRegression(Regression):
         fill_rows(np.ascontiguousarray(forces), self.near, self.config.areas, load)
         variance = np.square(self._parts(load) * load)
         if self.law_ is not None:
-            variance += self.idle_**2 + np.where(load > LIGHT * self.idle_, self.light_**2, 0.0)
+            variance += self.idle_**2
         lost = np.isnan(forces)
         if np.count_nonzero(lost):
             variance[lost] = np.square(GUESSED * load[lost])
         return load, variance
+
+    def _of_sums(self, load: Array, variance: Array) -> Array:
+        """Variances (s, t) of loads where many are added: laws err alike at light loads."""
+        return variance + np.where(load > LIGHT * self.idle_, self.light_**2, 0.0)
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
         """Targets of every row; see `Regression`."""
@@ -473,7 +478,8 @@ class TaxelRegression(Regression):
         output = forces = signals.delta[..., 0]
         if self.law_ is not None:
             columns['taxel_force'] = forces = self._forces(signals, memory)
-        load, variance = self._loads(forces)
+        load, alone = self._loads(forces)
+        variance = self._of_sums(load, alone)
         shared = self._add_sum(columns, load, variance)
         if self.shape_ is not None:
             columns['deformation'] = self.shape_.forces(output)
@@ -484,7 +490,7 @@ class TaxelRegression(Regression):
         if self.objects is not None:
             self._add_objects(columns, forces, signals, asked)
         if self.learned_ is not None:
-            self.learned_.add(columns, forces, np.sqrt(variance), asked, ~self.silent_)
+            self.learned_.add(columns, forces, np.sqrt(alone), asked, ~self.silent_)
         if self.law_ is not None:
             beyond = forces > BEYOND * self.largest
             if 'taxel_status' in columns:
