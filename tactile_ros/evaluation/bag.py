@@ -113,6 +113,13 @@ def schema_text(type_name: str) -> str:
     return ''.join(parts)
 
 
+@lru_cache(maxsize=256)
+def type_hash(type_name: str) -> str:
+    """Hash of a type by REP-2016, as rosbag2 stores it; empty for an unknown type."""
+    known = type_name in all_types().fielddefs
+    return str(all_types().hash_rihs01(type_name)) if known else ''
+
+
 def _with_comments(type_name: str, plain: str) -> str:
     """Definition of one type; ours as it is in its file, with units."""
     package, *_, name = type_name.split('/')
@@ -227,7 +234,9 @@ class BagWriter(Closing):
             if type_name not in self._schemas:
                 data = (text or schema_text(type_name)).encode()
                 self._schemas[type_name] = self._mcap.register_schema(type_name, 'ros2msg', data)
-            offered = {'offered_qos_profiles': qos_text(latched)}
+            offered = {
+                'offered_qos_profiles': qos_text(latched), 'topic_type_hash': type_hash(type_name),
+            }  # fmt: skip
             channel = self._mcap.register_channel(topic, 'cdr', self._schemas[type_name], offered)
             self._topics[topic] = _Topic(channel, type_name, latched)
             self._write_metadata()
@@ -322,6 +331,7 @@ class BagWriter(Closing):
                 'topic_metadata': {
                     'name': topic, 'type': entry.type_name, 'serialization_format': 'cdr',
                     'offered_qos_profiles': qos_text(entry.latched),
+                    'type_description_hash': type_hash(entry.type_name),
                 },
                 'message_count': entry.count,
             }

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import signal
 import sqlite3
@@ -31,6 +32,7 @@ from tactile_ros.evaluation.bag import (
     read_bag,
     records,
     schema_text,
+    type_hash,
 )
 
 if TYPE_CHECKING:
@@ -93,6 +95,10 @@ def test_closed_bag_is_read_by_rosbags_by_mcap_and_by_its_metadata(
     assert topics['/frame']['message_count'] == 50
     qos = yaml.safe_load(topics['/layout']['topic_metadata']['offered_qos_profiles'])[0]
     assert (qos['durability'], qos['depth'], qos['reliability']) == (1, 1, 1)
+    channels = {channel.topic: channel.metadata for channel in summary.channels.values()}
+    for name, topic in topics.items():
+        stored_hash = topic['topic_metadata']['type_description_hash']
+        assert channels[name]['topic_type_hash'] == stored_hash != ''
 
 
 def test_a_killed_process_leaves_a_bag_that_others_read(tmp_path: Path) -> None:
@@ -326,6 +332,16 @@ def test_schema_texts_hold_every_needed_type_once_and_unknown_types_are_refused(
     assert sorted(needed) == ['builtin_interfaces/Time', *geometry, *rest]
     with pytest.raises(RecordingError, match='no_msgs/msg/None'):
         schema_text('no_msgs/msg/None')
+
+
+def test_type_hash_is_that_of_the_generated_interface() -> None:
+    share = Path(__file__).parents[2] / 'install/tactile_ros/share/tactile_ros/msg'
+    for path in sorted(share.glob('*.json')):
+        for entry in json.loads(path.read_text())['type_hashes']:
+            if entry['type_name'] in bags.all_types().fielddefs:
+                assert type_hash(entry['type_name']) == entry['hash_string']
+    assert type_hash('std_msgs/msg/String').startswith('RIHS01_df668c740482bbd4')
+    assert type_hash('other_msgs/msg/Unknown') == ''
 
 
 def test_definitions_are_found_in_the_share_of_an_installation(
