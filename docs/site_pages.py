@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[1]
 API = {
+    'In a notebook': ('tactile_ros.notebook',),
     'Sensors': ('tactile_ros.sensors.load_sensor', 'tactile_ros.sensors.list_sensors',
                 'tactile_ros.sensors.SensorSpec'),
     'Recordings and frames': ('tactile_ros.types.Recording', 'tactile_ros.types.Frame',

@@ -111,6 +111,12 @@ class Pipeline:
         self.tare_frames, self.failures, self.failure = 0, 0, ''
         self.reset()
 
+    def __repr__(self) -> str:
+        """Sensor, taxels and the estimator of each target in a line."""
+        named = ', '.join(f'{target} by {name}' for target, name in self.estimators.items())
+        size = ' x '.join(map(str, self.layout.shape))
+        return f'{type(self).__name__}({self.sensor}, {size}; {named or "not calibrated"})'
+
     def reset(self) -> None:
         """Forget the stream's state; the baseline of the last tare or fit stays."""
         self.stream = self._new_stream()

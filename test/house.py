@@ -23,7 +23,7 @@ BUDGETS = {
     'enrolment': 180, 'files': 130, 'physics': 1_900, 'conditioning': 1_200, 'estimators': 4_600,
     'sensors': 5_300, 'devices': 3_200, 'control': 1_000, 'hands': 900, 'nodes': 3_300,
     'evaluation': 2_100, 'simulation': 1_200, 'view': 780,  # 530 more for the browser's page
-    'cli': 1_270, 'bootstrap': 500, 'benchmarks': 4_500,
+    'notebook': 240, 'cli': 1_270, 'bootstrap': 500, 'benchmarks': 4_500,
     'test': 15_000,
 }  # fmt: skip
 PRODUCT, MODULES, LONELY = 28_000, 160, 15

@@ -11,7 +11,8 @@ FLOORS = {
     'types': 1, 'physics': 1, 'errors': 1, '__init__': 1,
     'conditioning': 2, 'estimators': 2, 'control': 2, 'devices': 2, 'messages': 2,
     'calibration': 2, 'files': 1, 'pipeline': 3, 'enrolment': 3, 'sensors': 4, 'hands': 4,
-    'simulation': 5, 'evaluation': 5, 'view': 5, 'nodes': 6, 'cli': 6, '__main__': 7,
+    'simulation': 5, 'evaluation': 5, 'view': 5, 'nodes': 6, 'cli': 6,
+    'notebook': 6, '__main__': 7,
 }  # fmt: skip
 SHARED = {'types', 'errors', '__init__'}  # words that every room uses
 ONLY_IN = {
@@ -38,6 +39,8 @@ def climbing() -> list[str]:
             if target in SHARED or (target == room and not _neighbours(module, other)):
                 continue
             if room == 'cli' and target == 'nodes':  # the command line starts nodes
+                continue
+            if room == '__init__':  # the front door names what it imports when it is asked for
                 continue
             if FLOORS[target] >= FLOORS[room]:
                 found.append(f'{module} -> {other}')

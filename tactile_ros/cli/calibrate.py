@@ -20,7 +20,6 @@ from tactile_ros.calibration import MARK
 from tactile_ros.cli.console import (
     add_overwrite,
     find,
-    fit_layout,
     read_config,
     refuse_unwritable,
     show,
@@ -29,6 +28,7 @@ from tactile_ros.cli.console import (
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.replay import with_known_rests, with_tare_rows
 from tactile_ros.sensors import load_sensor
+from tactile_ros.sensors.registry import fit_layout
 
 if TYPE_CHECKING:
     import argparse

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.errors import RecordingError, TactileError, plain
+from tactile_ros.errors import RecordingError, TactileError
 from tactile_ros.evaluation.figures import check_png
 from tactile_ros.evaluation.recording_files import LoadedRecording, load
 from tactile_ros.files import read_yaml, refuse_special
-from tactile_ros.types import Closing
+from tactile_ros.types import Closing, Table
 
 if TYPE_CHECKING:
     import argparse
@@ -42,25 +42,9 @@ def show(
     if as_json:
         print(json.dumps(as_objects(columns, rows), indent=2))
         return
-    texts = [[figure(cell) for cell in row] for row in rows]
-    widths = [max(len(r[i]) for r in (list(columns), *texts)) for i in range(len(columns))]
-    numeric = [all(not isinstance(row[i], str) for row in rows) for i in range(len(columns))]
     if title:
-        print(f'\n{title}')
-    for line in (list(columns), ['-' * w for w in widths], *texts):
-        cells = [
-            c.rjust(w) if n else c.ljust(w) for c, w, n in zip(line, widths, numeric, strict=True)
-        ]
-        print('  '.join(cells).rstrip())
-
-
-def figure(value: Cell) -> str:
-    """A cell as text: `-` where nothing is measured, three digits otherwise."""
-    if value is None or (isinstance(value, float) and np.isnan(value)):
-        return '-'
-    if isinstance(value, float):
-        return f'{value:.3g}' if abs(value) < 1000 else f'{value:.0f}'
-    return plain(str(value))
+        print()
+    print(Table(title, tuple(columns), tuple(map(tuple, rows))))
 
 
 def as_objects(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> list[dict[str, Cell]]:
@@ -228,10 +212,3 @@ def _value(given: object, default: object) -> object:
         with suppress(ValueError):
             return float(given)
     return given
-
-
-def fit_layout(config: SensorConfig, layout: Layout) -> SensorConfig:
-    """Config for a recording with another number of taxels: the recording's positions count."""
-    if len(config.positions) == len(layout.positions):
-        return config
-    return replace(config, positions=layout.positions)  # type: ignore[type-var]

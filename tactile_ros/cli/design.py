@@ -14,7 +14,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactile_ros.cli.console import as_objects, read_config, show, working
+from tactile_ros.cli.console import as_objects, read_config, working
 from tactile_ros.sensors import designable, load_sensor
 
 if TYPE_CHECKING:
@@ -62,9 +62,7 @@ def run(options: argparse.Namespace) -> int:
 def print_text(tables: Sequence[Table]) -> None:
     """Every table with its notes below."""
     for table in tables:
-        show(table.columns, table.rows, title=table.title)
-        for note in table.notes:
-            print(f'  {note}')
+        print(f'\n{table}')
 
 
 def print_json(tables: Sequence[Table]) -> None:

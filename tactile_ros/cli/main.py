@@ -20,6 +20,7 @@ COMMANDS = {  # with the first line of its module, which alone is imported to ru
     'enrol': 'Learn a class from a few presses, live or from a recording, or forget one by name.',
     'record': 'Record what a replay needs of one sensor into a bag, until Ctrl-C.',
     'replay': 'Evaluate recordings against their truth, without ROS, and against the live run.',
+    'compare': 'Compare calibrations, estimators or live runs on the same frames, with p-values.',
     'report': 'Gather what benches found into one HTML page: aims held, missed, speed, error.',
     'view': 'Show taxels, contacts, forces and grip live in the browser, or in Foxglove.',
     'design': 'Trade geometry and materials of a sensor for what it shall measure, by physics.',

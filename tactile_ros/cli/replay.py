@@ -194,10 +194,5 @@ def print_result(result: Result, *, as_json: bool = False) -> None:
     columns, rows = table(result)
     said = sys.stderr if as_json else sys.stdout
     show(columns, rows, as_json=as_json)
-    for dataset in result.datasets:
-        if dataset.agreement is not None:
-            worst = dataset.agreement.largest
-            text = f'replay and live contacts differ by at most {worst:.1g}'
-            print(f'  {dataset.name}: {text}', file=said)
-        for problem in dataset.problems:
-            print(f'  {dataset.name}: {problem}', file=said)
+    for sentence in result.sentences:
+        print(f'  {sentence}', file=said)

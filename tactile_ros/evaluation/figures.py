@@ -6,9 +6,11 @@ thousands of dots is one path. PNG files are rendered by resvg.
 
 from __future__ import annotations
 
+import base64
 import math
 import re
 import textwrap
+from dataclasses import dataclass
 from html import escape
 from itertools import pairwise
 from pathlib import Path
@@ -27,11 +29,13 @@ from tactile_ros.types import Array, Bools, Integers
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from tactile_ros.evaluation.compare import Comparison
     from tactile_ros.evaluation.metrics import ClassErrors, Coverage, Spread, TargetErrors
 
 STYLE = Path(__file__).with_name('drawing.css').read_text('utf-8')
 LEFT, RIGHT, TOP, BOTTOM = 46.0, 14.0, 30.0, 42.0  # pixels around the axes
 LETTER, LINE = 6.4, 15.0  # pixels of a letter and of a line of labels
+PAGE = 1180.0  # pixels across
 MM = 1e3
 Span = tuple[float, float]
 PREFIXES = {0: '', -3: 'm', -6: 'µ', -9: 'n'}
@@ -304,6 +308,49 @@ def standalone(*plots: Plot, title: str = '', key: Sequence[tuple[str, str]] = (
         f'<style>{STYLE}</style><rect width="100%" height="100%" fill="var(--card)"/>'
         f'{"".join(parts)}</svg>\n'
     )
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Figures as one picture, which a notebook shows by itself."""
+
+    figures: tuple[Figure, ...]
+
+    def __repr__(self) -> str:
+        """Headlines of the figures."""
+        titles = '; '.join(figure.title for figure in self.figures) or 'nothing to draw'
+        return f'Drawing({titles}); save(path) writes it as .svg or .png'
+
+    @property
+    def svg(self) -> str:
+        """All figures, side by side as far as the page is wide."""
+        parts, x, y, wide, high = [], 0.0, 0.0, 1.0, 0.0
+        for figure in self.figures:
+            drawn = standalone(*figure.plots, title=figure.title, key=figure.key)
+            width, height = map(float, re.findall(r' (?:width|height)="([\d.]+)"', drawn)[:2])
+            if x + width > PAGE:
+                x, y, high = 0.0, y + high, 0.0
+            parts.append(drawn.replace('<svg ', f'<svg x="{x:g}" y="{y:g}" ', 1))
+            x, high = x + width, max(high, height)
+            wide = max(wide, x)
+        across, down = f'{wide:g}', f'{y + high or 1:g}'
+        size = f'width="{across}" height="{down}" viewBox="0 0 {across} {down}"'
+        return f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{"".join(parts)}</svg>\n'
+
+    def _repr_html_(self) -> str:
+        """Picture for a notebook, whose own styles it does not touch."""
+        data = base64.b64encode(self.svg.encode()).decode()
+        return f'<img alt="{escape(repr(self))}" src="data:image/svg+xml;base64,{data}">'
+
+    def save(self, path: str | Path) -> Path:
+        """Write the picture as .svg or .png; return the path."""
+        file = Path(path)
+        if file.suffix not in ('.svg', '.png'):
+            msg = f'path of a drawing must end in .svg or .png; received {str(file)!r}'
+            raise ValueError(msg)
+        if file.suffix == '.png':
+            return write_png(file, self.svg)
+        return write_beside(file, self.svg.encode())
 
 
 def check_png() -> None:
@@ -612,6 +659,34 @@ def speed(points: Mapping[str, Span], unit: str, colours: Mapping[str, str]) -> 
     if fastest != best:
         caption += f'; {fastest} is fastest ({short[0]} µs) and errs {short[1]}'
     return Figure('Speed against error', f'{caption}. Down and left is better.', (plot,))
+
+
+def paired_groups(found: Comparison) -> Figure:
+    """Figure of both competitors in every group, and the bootstrap of their difference."""
+    first, second = found.names
+    words = NAMES.get(found.target, found.target.replace('_', ' '))
+    what = f'{words} {found.measure} ({found.unit})'
+    span = _span(np.append(found.by_group.ravel(), 0.0))
+    above = Plot(span, span, f'{what}: {first}', f'{what}: {second}', (360, 330),
+                 description=f'{words} of {second} against {first} by group')  # fmt: skip
+    above.line(np.array(span), np.array(span), 'rule')
+    above.dots(found.by_group[:, 0], found.by_group[:, 1], 'c0')
+    edges = np.linspace(*_span(np.append(found.resampled, 0.0)), 41)
+    share = 100 * np.histogram(found.resampled, edges)[0] / len(found.resampled)
+    top = 1.15 * float(share.max())
+    below = Plot((edges[0], edges[-1]), (0, top), f'{second} less {first} ({found.unit})',
+                 'share of resamples (%)', (360, 190),
+                 description=f'Bootstrap of the difference in {words}')  # fmt: skip
+    below.band(np.array([found.low, found.high]), np.zeros(2), np.full(2, top), 'band ink')
+    below.bars(edges, share, 'fill c0')
+    below.rule(0.0, 'no difference')
+    better, groups = int((np.diff(found.by_group) < 0).sum()), len(found.by_group)
+    caption = (
+        f'{second} less {first}: {rounded(found.difference)} {found.unit} (95 %: '
+        f'{rounded(found.low)} to {rounded(found.high)}), p = {rounded(found.p, 2)}. Each dot is '
+        f'one of {groups} groups; under the line {second} errs less ({better} groups).'
+    )
+    return Figure(f'{words.capitalize()}: {second} against {first}', caption, (above, below))
 
 
 CONFUSION_KEY = (('s1', '0.5–2'), ('s2', '2–5'), ('s3', '5–15'), ('s4', '> 15 %'))

@@ -19,8 +19,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros import __version__
+from tactile_ros.errors import MissingPackageError
 from tactile_ros.evaluation import figures
-from tactile_ros.evaluation.figures import MM, Figure, quantity, rounded
+from tactile_ros.evaluation.compare import COLUMNS, NOTES, row_of
+from tactile_ros.evaluation.figures import MM, Drawing, Figure, quantity, rounded
 from tactile_ros.evaluation.metrics import (
     ClassErrors,
     Spread,
@@ -30,14 +32,17 @@ from tactile_ros.evaluation.metrics import (
     target_errors,
 )
 from tactile_ros.files import write_beside
-from tactile_ros.types import Array
+from tactile_ros.types import Array, Table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
+    from pandas import DataFrame
+
+    from tactile_ros.evaluation.compare import Comparison
     from tactile_ros.evaluation.metrics import Agreement
     from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import ContactStates, Recording
+    from tactile_ros.types import Columns, ContactStates, Recording
 
 Cell = str | float | int | None
 LOW_IS_BETTER = ('mean', 'p50', 'p95', 'RMSE', 'us/frame')
@@ -155,6 +160,66 @@ class Result:
     environment: dict[str, str]  # versions, machine, calibration
     datasets: tuple[Dataset, ...]
     notes: tuple[str, ...] = ()  # sentences for the end of the report
+
+    def __repr__(self) -> str:
+        """Recordings, frames and key figures in a line."""
+        figures = '; '.join(f'{words} {value} {unit}' for value, unit, words in headline(self))
+        return f'Result({", ".join(one.name for one in self.datasets)}: {figures})'
+
+    def __str__(self) -> str:
+        """Table of errors with a row for each recording and estimator, and what to know of it."""
+        columns, rows = table(self)
+        return str(Table('', tuple(columns), tuple(map(tuple, rows)), tuple(self.sentences)))
+
+    @property
+    def sentences(self) -> list[str]:
+        """Agreement with live runs and problems, each under the name of its recording."""
+        found = []
+        for one in self.datasets:
+            said = [*one.problems, *_left_out(one)]
+            if one.agreement is not None:
+                worst = f'{one.agreement.largest:.1g}'
+                said.insert(0, f'replay and live contacts differ by at most {worst}')
+            found += [f'{one.name}: {sentence}' for sentence in dict.fromkeys(said)]
+        return found
+
+    def plot(self) -> Drawing:
+        """Figures of every recording, as a report has them."""
+        colours = colours_of(self)
+        drawn = (figures_of(one, colours) for one in map(for_drawing, self.datasets))
+        return Drawing(tuple(figure for figures in drawn for figure in figures))
+
+    def to_dataframe(self) -> DataFrame:
+        """Errors in a pandas table, a row for each frame and component with truth (SI units).
+
+        Raises MissingPackageError where pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            msg = 'a table of errors needs pandas: pip install pandas'
+            raise MissingPackageError(msg) from error
+        parts = [
+            _error_columns(one.name, answer.name, target, axis)
+            for one in self.datasets
+            for answer in one.answers
+            for target in answer.targets
+            for axis in range(target.error.shape[1])
+        ]
+        names = parts[0] if parts else ()
+        return pandas.DataFrame({n: np.concatenate([part[n] for part in parts]) for n in names})
+
+
+def _error_columns(recording: str, estimator: str, target: TargetErrors, axis: int) -> Columns:
+    """Columns (n,) of one component of a target."""
+    name = f'{target.name}_{"xy"[axis]}' if target.error.shape[1] > 1 else target.name
+    words = {'recording': recording, 'estimator': estimator, 'target': name}
+    return {
+        **{key: np.full(len(target.rows), word, object) for key, word in words.items()},
+        'row': target.rows, 'time_s': target.time_s, 'group': target.groups,
+        'truth': target.truth[:, axis], 'estimate': target.estimate[:, axis],
+        'error': target.error[:, axis], 'sigma': np.sqrt(target.variance[:, axis]),
+    }  # fmt: skip
 
 
 def environment() -> dict[str, str]:
@@ -456,6 +521,19 @@ def render(result: Result) -> str:
 def write_report(path: str | os.PathLike[str], result: Result) -> Path:
     """Write the report (.html); return its path."""
     return write_beside(path, render(result).encode())
+
+
+def write_comparison(path: Path, found: Sequence[Comparison], command: str) -> Path:
+    """Write comparisons as a drawing (.svg) or a page of their own (.html); return the path."""
+    drawn = tuple(figures.paired_groups(one) for one in found)
+    if path.suffix == '.svg':
+        return Drawing(drawn).save(path)
+    page = render_page(
+        Path(__file__).with_name('compare.html'), columns=COLUMNS, figures=drawn, notes=NOTES,
+        rows=[[figure_text(cell) for cell in row_of(one)] for one in found], command=command,
+        problems=[text for one in found for text in one.sentences], environment=environment(),
+    )  # fmt: skip
+    return write_beside(path, page.encode())
 
 
 def write_pictures(folder: Path, result: Result) -> Iterable[Path]:

@@ -6,7 +6,7 @@ It lies beside this file, or in a folder that TACTILE_SENSORS names.
 from __future__ import annotations
 
 import importlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
@@ -121,6 +121,11 @@ class SensorSpec:
     demo: Mapping[str, object] = field(default_factory=dict)
     lesson: TwinLesson | None = None
 
+    def __repr__(self) -> str:
+        """Key, summary and estimators in a line."""
+        names = ', '.join(self.estimator_names)
+        return f'{type(self).__name__}({self.key}: {self.summary}; estimators: {names})'
+
     def open(
         self, config: SensorConfig, connection: Connection, clock_ns: Callable[[], int]
     ) -> Device:
@@ -192,6 +197,13 @@ class SensorSpec:
     def load(self, path: str | Path) -> Pipeline:
         """Pipeline from a calibration file of this sensor; CalibrationError if it is none."""
         return Pipeline.load(path, self.key, {c.__name__: c for c in self.classes})
+
+
+def fit_layout(config: SensorConfig, layout: Layout) -> SensorConfig:
+    """Config for a recording with another number of taxels: the recording's positions count."""
+    if len(config.positions) == len(layout.positions):
+        return config
+    return replace(config, positions=layout.positions)  # type: ignore[type-var]
 
 
 def _with_file(name: str) -> list[str]:

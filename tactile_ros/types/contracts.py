@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from tactile_ros.errors import plain
 from tactile_ros.types.frame import Array, Bools, Columns, Integers, as_shape
 
 if TYPE_CHECKING:
@@ -240,6 +241,27 @@ class Table:
             if len(row) != len(self.columns):
                 msg = f'rows of {self.title!r} must have {len(self.columns)} cells; received {row}'
                 raise ValueError(msg)
+
+    def __str__(self) -> str:
+        """Title, columns, numbers to the right, and notes, in lines."""
+        texts = [[figure(cell) for cell in row] for row in self.rows]
+        count = range(len(self.columns))
+        widths = [max(len(row[i]) for row in (self.columns, *texts)) for i in count]
+        numeric = [all(not isinstance(row[i], str) for row in self.rows) for i in count]
+        lines = [self.title] * bool(self.title)
+        for line in (self.columns, ['-' * width for width in widths], *texts):
+            cells = zip(line, widths, numeric, strict=True)
+            lines.append('  '.join(c.rjust(w) if n else c.ljust(w) for c, w, n in cells).rstrip())
+        return '\n'.join([*lines, *(f'  {note}' for note in self.notes)])
+
+
+def figure(value: Cell) -> str:
+    """A cell as text: `-` where nothing is measured, three digits otherwise."""
+    if value is None or (isinstance(value, float) and np.isnan(value)):
+        return '-'
+    if isinstance(value, float):
+        return f'{value:.3g}' if abs(value) < 1000 else f'{value:.0f}'
+    return plain(str(value))
 
 
 Held = TypeVar('Held', bound='Closing')

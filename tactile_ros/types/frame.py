@@ -182,6 +182,14 @@ class Frame:
             msg = f'values of Frame must have shape (t, c); received {np.shape(self.values)}'
             raise ValueError(msg)
 
+    def __repr__(self) -> str:
+        """Counter, stamp, shape and range of the readings in a line."""
+        stamp = 'no stamp' if self.stamp_ns is None else f'{self.stamp_ns} ns'
+        shape = ' x '.join(map(str, np.shape(self.values)))
+        known = self.values[np.isfinite(self.values)]
+        span = f'{known.min():.3g} to {known.max():.3g}' if known.size else 'unknown'
+        return f'Frame({self.sequence} at {stamp}: {shape} values, {span})'
+
 
 @dataclass(frozen=True)
 class Outline:

@@ -54,7 +54,7 @@ def test_an_unknown_option_is_answered_by_its_command(
     needed = {
         'calibrate': ['reskin_board', 'a.npz', '-o', 'c.npz'],
         'enrol': ['mug'], 'record': ['-o', 'bag'], 'bench': ['replay'],
-        'replay': ['bag', '--calibration', 'c.npz'],
+        'replay': ['bag', '--calibration', 'c.npz'], 'compare': ['a.npz', 'b.npz'],
     }  # fmt: skip
     with pytest.raises(SystemExit) as stop:
         main([name, *needed.get(name, []), '--nonsense'])

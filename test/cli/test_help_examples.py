@@ -18,7 +18,7 @@ from benchmarks.harness.rows import BenchResult, Row
 from benchmarks.replay import write_bag
 from reference import enrolled_skin
 from reference.help_examples import examples, typed_on_pages
-from tactile_ros.cli import calibrate, view
+from tactile_ros.cli import calibrate, compare, view
 from tactile_ros.cli.main import main
 from tactile_ros.evaluation.bag import BagWriter, all_types
 from tactile_ros.sensors import load_sensor
@@ -196,7 +196,8 @@ def few_rows_are_learned(monkeypatch: pytest.MonkeyPatch) -> None:
         part = slice(0, MOST_ROWS)
         return [replace(one, recording=one.recording.select(part)) for one in found], problems
 
-    monkeypatch.setattr(calibrate, 'find', first)
+    for command in (calibrate, compare):
+        monkeypatch.setattr(command, 'find', first)
 
 
 def typed(line: str, port: str) -> list[str]:

@@ -1,0 +1,207 @@
+"""Paired comparisons with known answers: equal, constructed, unequal, unlucky."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from tactile_ros.errors import RecordingError
+from tactile_ros.evaluation.compare import (
+    Competitor,
+    compare,
+    held_out,
+    judge,
+    live,
+    row_of,
+    swap_probability,
+)
+from tactile_ros.evaluation.recording_files import LiveContacts, LoadedRecording
+from tactile_ros.evaluation.report import write_comparison
+from tactile_ros.sensors import load_sensor
+from tactile_ros.types import ContactStates, Layout, Recording
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+BOARD = Layout(np.zeros((2, 3)), ('Bx',), 'T')
+GROUPS, EACH = 20, 10
+COUNT = GROUPS * EACH
+
+
+def recording(groups: int = GROUPS, **changes: object) -> Recording:
+    """Frames with a force, a place that never repeats and a label, in press cycles."""
+    rng = np.random.default_rng(1)
+    count = groups * EACH
+    truth = {
+        'force': rng.normal(size=(count, 3)), 'position': rng.normal(size=(count, 3)),
+        'label': np.arange(count) % 3, 'repetition': np.repeat(np.arange(groups), EACH),
+        **changes,
+    }  # fmt: skip
+    return Recording.from_arrays(BOARD, rng.normal(size=(count, 2, 1)), truth=truth)
+
+
+def competitor(
+    name: str, sigma: float, seed: int, one: Recording | None = None, **columns: np.ndarray
+) -> Competitor:
+    """Estimates that err by so much, half of it in common in a press cycle."""
+    one = recording() if one is None else one
+    rng = np.random.default_rng(seed)
+    count, cycle = len(one), one.truth['repetition']
+    error = sigma * (rng.normal(size=(count, 3)) + rng.normal(size=(cycle.max() + 1, 3))[cycle])
+    known = {
+        'force': one.truth['force'] + error, 'position': one.truth['position'] + 1e-3 * error,
+        'label': np.arange(count) % 3, 'valid': np.ones(count, bool), **columns,
+    }  # fmt: skip
+    return Competitor(name, (one,), (ContactStates.assemble(count, 2, known),))
+
+
+def test_equal_estimates_do_not_differ() -> None:
+    one = competitor('a', 0.1, 0)
+    found = compare(one, replace(one, name='b'))
+    targets = ['position', 'force_x', 'force_y', 'force_z', 'label']
+    assert [each.target for each in found] == targets
+    for each in found:
+        assert (each.low, each.difference, each.high) == (0.0, 0.0, 0.0)
+        assert each.p == 1.0
+
+
+def test_a_constructed_difference_is_found_in_its_size() -> None:
+    worse, better = competitor('a', 0.2, 1), competitor('b', 0.1, 2)
+    place, force, *_, label = compare(worse, better)
+    assert (place.measure, place.unit, force.measure, force.unit) == ('mean', 'mm', 'RMSE', 'N')
+    assert force.low < -0.1 * np.sqrt(2) < force.high < 0
+    assert force.p < 0.001
+    truth = worse.recordings[0].truth
+    figures = (place.first, force.first), (place.second, force.second)
+    for each, shown in zip((worse, better), figures, strict=True):
+        off = each.states[0].position[:, :2] - truth['position'][:, :2]
+        error = each.states[0].force[:, 0] - truth['force'][:, 0]
+        mean, rms = np.linalg.norm(off, axis=1).mean(), np.sqrt((error**2).mean())
+        assert shown == pytest.approx((1e3 * mean, rms))
+    assert (label.first, label.p) == (0.0, 1.0)
+    turned = compare(better, worse)[1]
+    assert turned.difference == pytest.approx(-force.difference)
+    assert turned.p == pytest.approx(force.p, abs=0.001)
+
+
+def test_wrong_and_missing_classes_are_wrong() -> None:
+    one = recording()
+    label = one.truth['label'].copy()
+    label[:20], label[20:40] = -1, (label[20:40] + 1) % 3
+    found = compare(competitor('a', 0.1, 0), competitor('b', 0.1, 0, label=label))[-1]
+    assert (found.second, found.unit, found.frames) == (pytest.approx(20.0), '%', COUNT)
+
+
+def test_a_seed_gives_the_same_numbers() -> None:
+    one, other = competitor('a', 0.1, 0), competitor('b', 0.11, 1)
+    again = (row_of(each) for each in compare(one, other, seed=5))
+    assert [row_of(each) for each in compare(one, other, seed=5)] == [*again]
+    assert compare(one, other, seed=6)[0].low != compare(one, other, seed=5)[0].low
+
+
+def test_chance_alone_is_rarely_significant_and_inside_the_interval() -> None:
+    small = recording(8)
+    pairs = [(competitor('a', 0.1, 2 * k, small), competitor('b', 0.1, 2 * k + 1, small))
+             for k in range(60)]  # fmt: skip
+    found = [compare(*pair)[1] for pair in pairs]
+    assert sum(each.p <= 0.05 for each in found) <= 7
+    assert sum(each.low <= 0.0 <= each.high for each in found) >= 50
+
+
+def test_few_groups_are_swapped_exactly() -> None:
+    sums = np.array([[1.0, 2.0], [3.0, 3.5], [2.0, 1.0], [0.5, 4.0]])
+    count = np.full(4, 2.0)
+    wanted = abs(np.subtract(*sums.sum(axis=0)))
+    signs = product((1, -1), repeat=4)
+    reached = [abs(np.dot(s, sums[:, 1] - sums[:, 0])) >= wanted - 1e-12 for s in signs]
+    assert swap_probability(sums, count, False, np.random.default_rng(0)) == np.mean(reached)
+
+
+def test_few_groups_are_said() -> None:
+    small = recording(3)
+    found = compare(competitor('a', 0.3, 0, small), competitor('b', 0.1, 1, small))[1]
+    assert found.p >= 0.25
+    assert 'a and b, force_x: 3 groups: p cannot fall below 0.25' in found.sentences[0]
+
+
+def test_frames_that_one_alone_estimates_are_left_out_and_told() -> None:
+    one, other = competitor('a', 0.1, 0), competitor('b', 0.1, 1)
+    valid = np.ones(COUNT, bool)
+    valid[:7] = False
+    other = replace(other, states=(replace(other.states[0], valid=valid),))
+    found = compare(one, other)[1]
+    assert (found.frames, found.single) == (COUNT - 7, (7, 0))
+    assert found.sentences == ['a and b, force_x: 7 frames that only a estimates are not compared']
+
+
+@pytest.mark.parametrize(
+    ('changed', 'why'),
+    [
+        (recording(5), '50 frames, not 200'),
+        (replace(recording(), values=recording().values + 1e-9), 'frames with other readings'),
+        (recording(label=np.zeros(COUNT, int)), 'another truth of label'),
+        (recording(label=None), 'another truth of label'),
+    ],
+)
+def test_unequal_data_are_refused(changed: Recording, why: str) -> None:
+    wanted = f'^b must have the frames and the truth of a; it has {why}$'
+    with pytest.raises(ValueError, match=wanted):
+        compare(competitor('a', 0.1, 0), competitor('b', 0.1, 0, changed))
+    one = competitor('a', 0.1, 0)
+    twice = Competitor('b', one.recordings * 2, one.states * 2)
+    with pytest.raises(ValueError, match='2 recordings, not 1'):
+        compare(one, twice)
+
+
+def test_nothing_in_common_is_refused() -> None:
+    one = competitor('a', 0.1, 0)
+    with pytest.raises(ValueError, match='a and b estimate nothing in common'):
+        compare(one, replace(one, name='b', states=(ContactStates.assemble(COUNT, 2, {}),)))
+
+
+def test_groups_of_several_recordings_stay_apart() -> None:
+    one, other = competitor('a', 0.1, 0), competitor('b', 0.1, 1)
+    twice = (Competitor(c.name, c.recordings * 2, c.states * 2) for c in (one, other))
+    assert len(compare(*twice)[1].by_group) == 2 * GROUPS
+
+
+def test_estimators_are_judged_on_groups_that_they_did_not_learn() -> None:
+    spec = load_sensor('reskin_board')
+    spatial = spec.recordings()['spatial']
+    rows = np.flatnonzero(~spatial.tare & (spatial.truth['position'][:, 0] > 0.0115))
+    presses = spatial.select(np.sort(np.r_[rows - 1, rows]))
+    loaded = [LoadedRecording('presses', presses)]
+    found = held_out('grid_knn', lambda: spec.pipeline(None, 'grid_knn'), loaded)
+    knows = judge('all', spec.pipeline(None, 'grid_knn').fit(presses), loaded)
+    (each,) = (one for one in compare(found, knows) if one.target == 'position')
+    assert each.frames == len(rows)
+    assert each.second < 0.8 * each.first  # a fit that knows the places errs less on them
+    assert each.p < 0.01
+
+
+def test_live_runs_are_compared_by_what_they_said() -> None:
+    one = competitor('a', 0.1, 0)
+    states = one.states[0]
+    rows = np.arange(COUNT)
+    said = LiveContacts(rows, states, rows, 0)
+    bag = LoadedRecording('sensor', one.recordings[0], said)
+    assert {each.p for each in compare(one, live('bag', [bag]))} == {1.0}
+    named = replace(bag, label_names=('x', 'y', 'z'))  # their numbers are not known
+    assert [each.target for each in compare(one, live('bag', [named]))][-1] == 'force_z'
+    with pytest.raises(RecordingError, match='bag holds no contacts of a live run'):
+        live('bag', [replace(bag, contacts=None)])
+
+
+@pytest.mark.parametrize('name', ['out/a.svg', 'out/a.html'])
+def test_comparisons_are_drawn(name: str, tmp_path: Path) -> None:
+    found = compare(competitor('a<b>', 0.2, 1), competitor('c', 0.1, 2))
+    text = write_comparison(tmp_path / name, found, 'tactile compare').read_text()
+    assert 'Normal force' in text
+    assert 'a&lt;b&gt;' in text
+    assert 'a<b>' not in text
+    alike = compare(competitor('a', 0.2, 1), competitor('b', 0.2, 1))
+    assert write_comparison(tmp_path / name, alike, 'tactile compare').stat().st_size > 5000
