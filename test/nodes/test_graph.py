@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import signal
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +18,7 @@ from std_msgs.msg import Float64MultiArray
 
 from tactile_ros.action import Grasp
 from tactile_ros.errors import TactileError
-from tactile_ros.msg import GripState, TactileContacts
+from tactile_ros.msg import GripState, TactileContacts, TactileFrame
 from tactile_ros.nodes.graph import (
     Graph,
     HandSetup,
@@ -113,6 +115,53 @@ def test_the_grip_of_a_fake_hand_starts_says_why_it_waits_and_ends(ros: Ros) -> 
         assert running.stop() == {'mock_hand': 0, 'grip_node': 0}
     assert not commands
     assert np.isnan(states[-1].command).all()
+
+
+@pytest.mark.parametrize(
+    'setup',
+    [
+        SensorSetup(sensor='gradiometer', source='simulated', stack=False),
+        SensorSetup(sensor='taxel_array', source='simulated', stack=True, namespace='palm'),
+        SensorSetup(source='recorded', speed_up=4.0, stack=True),
+    ],
+)
+def test_processes_of_a_launch_file_speak_and_end(
+    ros: Ros, setup: SensorSetup, calibration: Path
+) -> None:
+    """As test/launch/launched.py does where ROS brings launch_testing."""
+    recorded = setup.source == 'recorded'
+    if recorded:
+        setup = replace(setup, calibration=str(calibration))
+    layout = load_sensor(setup.sensor).layout(load_sensor(setup.sensor).config())
+    ros.init()
+    frames = ros.hear(TactileFrame, f'{setup.namespace}/frame'.lstrip('/'))
+    contacts = ros.hear(TactileContacts, f'{setup.namespace}/contacts'.lstrip('/'))
+    with Running(sensing(setup)) as running:
+        enough = ros.until(lambda: len(frames) >= 20 and len(contacts) >= 20)
+        assert enough, running.lines
+        assert set(running.stop().values()) == {0}, running.lines
+    values = np.array([frame.values for frame in frames])
+    assert values.shape[1] == len(layout.positions) * len(layout.channels)
+    assert np.isfinite(values).all()
+    assert {c.header.frame_id for c in contacts} == {frame_of(setup.namespace)}
+    if recorded:  # touches of a pad that is 3 cm wide
+        places = [(c.position.x, c.position.y) for m in contacts for c in m.contacts]
+        assert places
+        assert np.abs(places).max() < 0.02
+
+
+def test_a_killed_node_leaves_the_others_running(ros: Ros) -> None:
+    setup = SensorSetup(sensor='gradiometer', source='simulated', stack=False)
+    ros.init()
+    frames = ros.hear(TactileFrame, 'frame')
+    contacts = ros.hear(TactileContacts, 'contacts')
+    with Running(sensing(setup)) as running:
+        assert ros.until(lambda: contacts), running.lines
+        running.signal('contact_node', signal.SIGKILL)
+        assert ros.until(lambda: not running.is_alive('contact_node'))
+        heard = len(frames)
+        assert ros.until(lambda: len(frames) > heard + 20)
+        assert running.stop() == {'sensor_node': 0, 'contact_node': -signal.SIGKILL}
 
 
 @pytest.fixture(scope='module')
