@@ -76,6 +76,7 @@ TROUBLES = {
     'crc_errors': 'check cable and baud rate: bytes arrive damaged',
     'framing_errors': 'check cable and baud rate: bytes arrive damaged',
     'dropped': 'close what else uses the processor, or lower the rate: frames are lost',
+    'malformed': 'check cable and baud rate: lines arrive damaged, or are no readings',
     'reconnects': 'check the plug: the port comes and goes',
     'temperatures_refused': 'check the board: it sends temperatures that no chip can have',
     'clock_jumps': 'check the supply of the board: its clock jumps',

@@ -23,6 +23,7 @@ COMMANDS = {  # with the first line of its module, which alone is imported to ru
     'compare': 'Compare calibrations, estimators or live runs on the same frames, with p-values.',
     'report': 'Gather what benches found into one HTML page: aims held, missed, speed, error.',
     'view': 'Show taxels, contacts, forces and grip live in the browser, or in Foxglove.',
+    'new': 'Begin a sensor of your own: one file that works at once with a simulated board.',
     'design': 'Trade geometry and materials of a sensor for what it shall measure, by physics.',
     'bench': 'Compare with published figures and with peers, then time; write json.',
 }

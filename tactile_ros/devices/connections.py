@@ -1,23 +1,33 @@
-"""Connections of sensors: port and baud rate of the framed protocol, I2C buses of chips."""
+"""Connections of sensors: boards of the framed protocol or of text lines, I2C buses of chips."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import cast
 
+import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.devices.chip_array import ChipArray, Mode
 from tactile_ros.devices.framed_protocol import Payload, three_axis_chips
 from tactile_ros.devices.mlx90393 import ChipPlace, ChipSettings
-from tactile_ros.devices.serial_board import FramedBoard
+from tactile_ros.devices.serial_board import FramedBoard, LineBoard
 from tactile_ros.devices.simulated_i2c import ChipArrayTwin
-from tactile_ros.devices.simulated_serial import FramedTwin
+from tactile_ros.devices.simulated_serial import FramedTwin, LineTwin
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.devices.transport import I2cBus
 from tactile_ros.types import Array, Device, Layout, Twin
-from tactile_ros.types.config_fields import admit, switch, text_of, texts, whole, whole_numbers
+from tactile_ros.types.config_fields import (
+    admit,
+    number,
+    switch,
+    text_of,
+    texts,
+    whole,
+    whole_numbers,
+)
 
 DIRECT = 0  # in place of a switch's address
 FASTEST_HZ = 400_000
@@ -78,6 +88,64 @@ class FramedConnection:
             layout, self.payload(layout), self.scale(), signal, noise, temperature_c, seed, clock,
             baud=self.baud, native_usb=self.native_usb,
         )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class LineConnection:
+    """A microcontroller, such as an Arduino, that prints a line of numbers for each frame.
+
+    See `text_lines` for what a line may be. A sensor's own connection has other defaults.
+    """
+
+    port: str = text_of('/dev/ttyACM0', 'serial port; /dev/serial/by-id/... survives replugging')
+    baud: int = whole(115_200, 'baud rate; native USB ignores it', 1200, 12_000_000)
+    native_usb: bool = switch(False, 'true: USB from end to end, no baud rate to fit through')
+    scale: float = number(1.0, 'unit of the readings for each printed number', '1', -1e12)
+    decimals: int = whole(0, 'digits after the point that the board prints', 0, 9)
+
+    def __post_init__(self) -> None:
+        """Check values once, at the door."""
+        admit(self)
+        if self.scale == 0:
+            msg = 'scale of LineConnection must not be 0; received 0'
+            raise ValueError(msg)
+
+    def open(self, layout: Layout, clock_ns: Callable[[], int]) -> Device:
+        """See `FramedConnection.open`."""
+        return LineBoard(
+            self.port, layout, self.scale, self.baud, self.native_usb, clock_ns
+        )
+
+    def simulate(
+        self, layout: Layout, signal: Callable[[float], Array], noise: float | Array, seed: int,
+        clock: VirtualClock | None = None, temperature_c: Callable[[float], Array] | None = None,
+    ) -> Twin:  # fmt: skip
+        """See `FramedConnection.simulate`; lines tell no temperature."""
+        return LineTwin(
+            layout, signal, noise, seed, clock, self.scale, self.decimals, self.baud,
+            self.native_usb,
+        )  # fmt: skip
+
+
+def open_lines(
+    port: str, taxels: int, scale: float = 1.0, baud: int = 115_200,
+    clock_ns: Callable[[], int] = time.monotonic_ns,
+) -> Device:  # fmt: skip
+    """Driver of a board that prints so many numbers a line, for whom no sensor is made yet."""
+    return LineConnection(port, baud, scale=scale).open(_readings(taxels), clock_ns)
+
+
+def simulate_lines(
+    taxels: int, signal: Callable[[float], Array], noise: float = 0.0, seed: int = 0,
+    scale: float = 1.0, rate_hz: float = 50.0,
+) -> Twin:  # fmt: skip
+    """Twin of such a board that prints `signal`, time (s) -> readings (t, 1), over `scale`."""
+    return LineConnection(scale=scale).simulate(_readings(taxels, rate_hz), signal, noise, seed)
+
+
+def _readings(taxels: int, rate_hz: float = np.nan) -> Layout:
+    """Layout of taxels of which no places are known."""
+    return Layout(np.zeros((taxels, 3)), ('reading',), '1', rate_hz=rate_hz)
 
 
 @dataclass(frozen=True)

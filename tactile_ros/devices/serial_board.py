@@ -1,7 +1,8 @@
 """Boards on serial ports: bytes to frames, through unplugging, damage and loss.
 
 `SerialBoard` reconnects, numbers the frames and counts those that are lost; `ReskinBoard` is the
-ReSkin / AnySkin board, `FramedBoard` one of the framed protocol (docs/serial_protocol.md).
+ReSkin / AnySkin board, `FramedBoard` one of the framed protocol (docs/serial_protocol.md),
+`LineBoard` one that prints text.
 """
 
 from __future__ import annotations
@@ -21,10 +22,11 @@ from tactile_ros.devices import framed_protocol, reskin_protocol
 from tactile_ros.devices.fault_flags import StuckDetector, measured_temperature
 from tactile_ros.devices.framed_protocol import FramedDecoder, Payload
 from tactile_ros.devices.reskin_protocol import ReskinDecoder
+from tactile_ros.devices.text_lines import LineDecoder
 from tactile_ros.devices.timestamps import ArrivalTime, DeviceTime
 from tactile_ros.devices.transport import SerialPort
 from tactile_ros.errors import DeviceError, DeviceTimeout
-from tactile_ros.types import Array, Bytes, Closing, Device, Frame, Layout, TaxelStatus
+from tactile_ros.types import Array, Bools, Bytes, Closing, Device, Frame, Layout, TaxelStatus
 
 Own = TypeVar('Own', bound='SerialBoard')
 
@@ -38,6 +40,7 @@ MOST_FOREIGN = 3
 OTHERS = 0.5
 # changes after which a board of one converter has not rested since it was opened
 LIVELY = 10
+ROUNDING = 1e-9  # share of a limit
 FALSE_ALARM = 1e-6  # largest probability with which noise alone explains a board that stands still
 
 
@@ -64,7 +67,7 @@ class SerialBoard(Closing, Device):
     ----------
     port, layout : str, Layout
         Device path; layout of the sensor.
-    decoder : ReskinDecoder or FramedDecoder
+    decoder : ReskinDecoder, FramedDecoder or LineDecoder
         Finds frames in the bytes.
     stuck : StuckDetector
         Of the taxels.
@@ -77,7 +80,7 @@ class SerialBoard(Closing, Device):
     """
 
     def __init__(
-        self, port: str, layout: Layout, decoder: ReskinDecoder | FramedDecoder,
+        self, port: str, layout: Layout, decoder: ReskinDecoder | FramedDecoder | LineDecoder,
         stuck: StuckDetector, baud: int, native_usb: bool, clock: Callable[[], int],
     ) -> None:  # fmt: skip
         if not native_usb:
@@ -206,6 +209,11 @@ class SerialBoard(Closing, Device):
         dead = (readings == 0).all(axis=(1, 2))[:, None] * np.uint8(TaxelStatus.DEAD)
         repeats = self._stuck.follow_frames(readings) | self._frozen.follow_frames(whole)
         return np.asarray(repeats | dead, np.uint8)
+
+    def _stands_still(self, readings: Array, inside: Bools) -> Bytes:
+        """Bits (s, 1) of a board whose one converter repeats all readings `inside` its range."""
+        together = readings.reshape(len(readings), 1, -1)
+        return self._stuck.follow_frames(together, np.any(inside, axis=(1, 2)))
 
     def _losses(self, lost: list[int]) -> list[int]:
         """Frames lost before each frame, those of reconnections included."""
@@ -405,8 +413,7 @@ class FramedBoard(SerialBoard):
         counts, payload = decoded.counts, self._decoder.payload
         if payload.one_converter:
             inside = (counts > 0) & (counts < payload.full_count)
-            together = counts.reshape(len(counts), 1, -1)
-            still = self._stuck.follow_frames(together, np.any(inside, axis=(1, 2)))
+            still = self._stands_still(counts, inside)
         else:
             still = self._repeats(counts)
         status = decoded.status | still
@@ -432,3 +439,59 @@ class FramedBoard(SerialBoard):
         if self._bytes_came and not self._decoder.synchronised:
             why = f'bytes come from {{}}, but no frame of {self._decoder.payload}'
         return DeviceTimeout(f'{why.format(port)} within {timeout:g} s')
+
+
+class LineBoard(SerialBoard):
+    """A board that prints the numbers of a frame in one line of text, as a `Device`.
+
+    Parameters
+    ----------
+    port, layout, baud, native_usb, clock
+        As in `SerialBoard`; a line has the channels of the first taxel, then those of the second.
+    scale : array_like, broadcast to (t, c)
+        Unit of the layout per printed number.
+
+    Notes
+    -----
+    A stamp is the arrival of the line's end less the time of a usual line on the wire.
+    `Frame.sequence` grows by one a line and by those that could not be read, at least one for a
+    reconnection; `counters()['suspected']` as in `ReskinBoard`. One converter reads all taxels: a
+    board that repeats itself is judged as in `FramedBoard`.
+    """
+
+    def __init__(
+        self, port: str, layout: Layout, scale: npt.ArrayLike = 1.0, baud: int = 115200,
+        native_usb: bool = False, clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:  # fmt: skip
+        self._decoder = LineDecoder(layout.shape[0] * layout.shape[1])
+        stuck = StuckDetector(1, least_changes=LIVELY)
+        super().__init__(port, layout, self._decoder, stuck, baud, native_usb, clock)
+        self._scale = np.broadcast_to(np.asarray(scale, np.float64), layout.shape)
+        rate_hz = layout.rate_hz if layout.rate_hz > 0 else NOMINAL_RATE_HZ
+        self._time = ArrivalTime(max(1, round(1e9 / rate_hz)))
+
+    def counters(self) -> dict[str, int]:
+        """See `SerialBoard.counters`; `suspected` frames are missing by the clock alone."""
+        return {**super().counters(), 'suspected': self._time.suspected}
+
+    def _restart(self) -> None:
+        self._time.restart()
+
+    def feed(self, data: bytes) -> None:
+        """See `SerialBoard.feed`."""
+        now_ns = self._clock() - self._age_ns
+        decoded = self._decoder.feed(data)
+        if not decoded.lost:
+            return
+        lost = self._losses(decoded.lost)
+        values = decoded.numbers.reshape(-1, *self._layout.shape) * self._scale
+        limit = np.asarray(self._layout.saturation) * (1 - ROUNDING)
+        clipped = np.abs(values) >= limit
+        status = np.any(clipped, axis=-1) * np.uint8(TaxelStatus.SATURATED)
+        status = status | self._stands_still(values, (values != 0) & ~clipped)
+        self._queue(values, None, status, self._time.follow(lost, now_ns), lost)
+
+    def _silence(self, timeout: float) -> DeviceTimeout:
+        said = f'; the last line was {self._decoder.last!r}' if self._decoder.last else ''
+        what = f'no line of {self._decoder.content.split()[0]} numbers'
+        return DeviceTimeout(f'{what} came from {self._port.port} within {timeout:g} s{said}')

@@ -343,6 +343,7 @@ class ChipArrayTwin(Closing):
     """
 
     faults = BUS_FAULTS + CHIP_FAULTS
+    unseen: tuple[str, ...] = ()
 
     def __init__(
         self, places: Sequence[ChipPlace], layout: Layout, signal: Callable[[float], Array],

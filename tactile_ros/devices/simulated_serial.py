@@ -15,9 +15,9 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.devices import framed_protocol, reskin_protocol
+from tactile_ros.devices import framed_protocol, reskin_protocol, text_lines
 from tactile_ros.devices.framed_protocol import Payload
-from tactile_ros.devices.serial_board import FramedBoard, ReskinBoard
+from tactile_ros.devices.serial_board import FramedBoard, LineBoard, ReskinBoard
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.types import Array, Closing, Device, Integers, Layout
@@ -220,10 +220,12 @@ class SerialTwin(Closing):
 
     stall: nothing is measured for 0.5 s. unplug: the port goes for 1 s, and the board starts anew.
     stuck_chip: one taxel repeats its last reading, or all do where one converter reads them
-    (`one_converter`). saturation: one reads its limit.
+    (`one_converter`). saturation: one reads its limit, where there is one. `unseen` are faults
+    that the format, which has no checksum, cannot always show.
     """
 
     faults: tuple[str, ...] = SERIAL_FAULTS
+    unseen: tuple[str, ...] = ()
     one_converter = False
 
     def __init__(
@@ -235,6 +237,8 @@ class SerialTwin(Closing):
             msg = f'rate_hz of the layout of a twin must be above 0; received {layout.rate_hz}'
             raise ValueError(msg)
         self.layout = layout
+        if not np.isfinite(self._limit()).all():
+            self.faults = tuple(fault for fault in self.faults if fault != 'saturation')
         self.injected: dict[str, int] = dict.fromkeys(self.faults, 0)
         self.overruns = 0
         self._signal = signal
@@ -410,6 +414,7 @@ class ReskinTwin(SerialTwin):
     """
 
     faults: tuple[str, ...] = (*SERIAL_FAULTS, 'nan')
+    unseen = ('flipped', 'garbage', 'shifted')
 
     def __init__(
         self, layout: Layout, signal: Callable[[float], Array], noise: npt.ArrayLike = 0.0,
@@ -417,8 +422,6 @@ class ReskinTwin(SerialTwin):
         clock: VirtualClock | None = None, quantum: npt.ArrayLike | None = None,
         driver: Callable[[str, Callable[[], int]], Device] | None = None,
     ) -> None:  # fmt: skip
-        if not np.isfinite(np.asarray(layout.saturation, np.float64)).all():
-            self.faults = tuple(fault for fault in self.faults if fault != 'saturation')
         super().__init__(layout, signal, noise, temperature_c, seed, clock)
         self._quantum = None if quantum is None else np.broadcast_to(quantum, 3)
         self._driver = driver
@@ -458,10 +461,10 @@ class FramedTwin(SerialTwin):
         clock: VirtualClock | None = None, drift: float = 0.0, start_us: int = 0,
         baud: int = 115200, native_usb: bool = True,
     ) -> None:  # fmt: skip
-        super().__init__(layout, signal, noise, temperature_c, seed, clock)
-        self.one_converter = payload.one_converter
         self._payload = payload
         self._scale = np.broadcast_to(np.asarray(scale, np.float64), layout.shape)
+        super().__init__(layout, signal, noise, temperature_c, seed, clock)
+        self.one_converter = payload.one_converter
         self._baud, self._native_usb = baud, native_usb
         self._clock_rate = 1e6 * (1 + drift)  # microseconds per second
         self._origin_us = float(start_us)
@@ -489,3 +492,33 @@ class FramedTwin(SerialTwin):
         counts = np.rint(values / self._scale).astype(np.int64)
         sequence, self._sequence = self._sequence, self._sequence + 1
         return framed_protocol.encode(self._payload, counts, sequence, time_us, temperature_c)
+
+
+class LineTwin(SerialTwin):
+    """A board that prints lines of numbers, without checksum, counter or clock.
+
+    The first arguments are those of `SerialTwin`, the others those of its `LineBoard`; numbers are
+    printed with so many `decimals`. Damage to a digit makes another number: it is not seen.
+    """
+
+    unseen = BYTE_FAULTS
+    one_converter = True
+
+    def __init__(
+        self, layout: Layout, signal: Callable[[float], Array], noise: npt.ArrayLike = 0.0,
+        seed: int = 0, clock: VirtualClock | None = None, scale: npt.ArrayLike = 1.0,
+        decimals: int = 0, baud: int = 115200, native_usb: bool = False,
+    ) -> None:  # fmt: skip
+        super().__init__(layout, signal, noise, None, seed, clock)
+        self._scale = np.broadcast_to(np.asarray(scale, np.float64), layout.shape)
+        self._decimals = decimals
+        self._baud, self._native_usb = baud, native_usb
+
+    def device(self, clock_ns: Callable[[], int]) -> LineBoard:
+        """The real driver on this twin's port, stamped by `clock_ns`; not yet entered."""
+        return LineBoard(
+            self.port, self.layout, self._scale, self._baud, self._native_usb, clock_ns
+        )
+
+    def _bytes(self, values: Array, temperature_c: Array, t: float, fault: str) -> bytes:
+        return text_lines.encode(values / self._scale, self._decimals)

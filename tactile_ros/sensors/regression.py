@@ -47,7 +47,6 @@ if TYPE_CHECKING:
 
 Scalar = TypeVar('Scalar', bound=np.generic)
 
-ESTIMATORS = ('ridge', 'grid_knn', 'kernel_ridge', 'perceptron')
 FORCES = ('force', 'torque')
 TARGETS = ('position', *FORCES)
 NAMED = ('cell', 'label')
@@ -66,21 +65,30 @@ BLOCK = 1024  # rows whose history stays in the cache
 OUT_OF_RANGE = np.int64(FrameStatus.OUT_OF_RANGE)
 
 
-def candidates(wanted: str | None, *, place: bool, trial: bool = False) -> dict[str, Estimator]:
-    """Regressors to choose from, by name; the pattern of a touch tells its place.
+def methods(*, place: bool = True, trial: bool = False) -> dict[str, Estimator]:
+    """All regressors by name, of a place or of a force: here alone a method is registered.
 
-    A force is for a skin whose state has moved on since the presses it learned from: a plane as
-    strong as the bumps carries the answer to loads and states beyond those. Its penalty is set,
-    to a thousandth of the range: presses of one run, on which it could be chosen, know nothing of
-    the next run. In a trial an ensemble has fewer members, and errs slightly more.
+    The pattern of a touch tells its place. A force is for a skin whose state has moved on since
+    the presses it learned from: a plane as strong as the bumps carries the answer to loads and
+    states beyond those. Its penalty is set, to a thousandth of the range: presses of one run, on
+    which it could be chosen, know nothing of the next run. In a trial an ensemble has fewer
+    members, and errs slightly more.
     """
     force = KernelRidge(length=0.4, linear=1.0, strengths=(1e-6,), common=10.0)
-    known: dict[str, Estimator] = {
+    return {
         'ridge': Ridge(),
         'grid_knn': GridKnn(),
         'kernel_ridge': KernelRidge() if place else force,
         'perceptron': Perceptron(members=6 if trial else 8, pattern=place),
     }
+
+
+ESTIMATORS = tuple(methods())
+
+
+def candidates(wanted: str | None, *, place: bool, trial: bool = False) -> dict[str, Estimator]:
+    """Regressors to choose from, by name: the wanted one, or those that suit the target."""
+    known = methods(place=place, trial=trial)
     if wanted is not None:
         return {wanted: known[wanted]}
     del known['kernel_ridge' if place else 'perceptron']
@@ -637,7 +645,7 @@ def places_of(plane: Array) -> Integers | None:
 
 CLASSES = (
     Regression, Head, Vote, RestingState, SlipDetector, GainVariance, CovarianceModel,
-    Ridge, GridKnn, KernelRidge, Perceptron, Standardisation,
+    Standardisation, *map(type, methods().values()),
 )  # fmt: skip
 
 

@@ -311,6 +311,10 @@ class Twin(AbstractContextManager['Twin'], Protocol):
         """Names of the faults that it can suffer."""
 
     @property
+    def unseen(self) -> tuple[str, ...]:
+        """Those that a format without a checksum cannot always show to its driver."""
+
+    @property
     def injected(self) -> Mapping[str, int]:
         """Count of each fault that has happened."""
 

@@ -1,23 +1,33 @@
-"""One contract for every estimator of the room."""
+"""One contract for every registered method, and for that of docs/adding_a_method.md."""
 
 from __future__ import annotations
 
 import copy
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tactile_ros.calibration import flatten, restore
 from tactile_ros.errors import NotCalibratedError
-from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.estimators.regression import KernelRidge, Perceptron, Ridge, Standardisation
+from tactile_ros.sensors.regression import methods
 from tactile_ros.types import Array, Estimator, Integers
 
+PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'adding_a_method.md'
+
+
+def of_the_page() -> Estimator:
+    """The method that the page makes."""
+    made: dict[str, type] = {'__name__': __name__}  # type: ignore[dict-item]
+    exec(PAGE.read_text().split('```python\n')[1].split('```')[0], made)
+    return made['Nearest']()
+
+
 ESTIMATORS: dict[str, Estimator] = {
-    'ridge': Ridge(),
+    **methods(),
+    'of the page': of_the_page(),
     'linear': Ridge(degree=1),
-    'grid_knn': GridKnn(),
-    'kernel_ridge': KernelRidge(),
     'anchored': KernelRidge(common=10.0),
     'perceptron': Perceptron(members=2, width=24, epochs=60),
     'pattern': Perceptron(members=2, width=24, epochs=60, pattern=True),

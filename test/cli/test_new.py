@@ -1,0 +1,130 @@
+"""A new sensor works at once: it conforms, it is read, and nothing was written over."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactile_ros import sensors
+from tactile_ros.cli.main import main
+from tactile_ros.cli.new import sensor
+from tactile_ros.sensors import load_sensor
+
+ROOT = Path(__file__).resolve().parents[2]
+SUITES = (
+    'test/devices/test_device_conformity.py', 'test/sensors/test_conformity.py',
+    'test/sensors/test_registry.py::TestSpec', 'test/sensors/test_parameters.py',
+)  # fmt: skip
+
+
+@pytest.fixture(scope='module')
+def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which two sensors were begun."""
+    folder = tmp_path_factory.mktemp('home') / 'my_sensors'
+    for command in (['line_pad', '--taxels', '4x4', '--lines'], ['frame_pad', '--taxels', '2x3']):
+        assert main(['new', *command, '--folder', str(folder)]) == 0
+    return folder
+
+
+def test_new_sensors_pass_the_suites_of_conformity(home: Path) -> None:
+    environment = {**os.environ, 'TACTILE_SENSORS': str(home)}
+    done = subprocess.run(
+        [sys.executable, '-m', 'pytest', *SUITES, '-q', '-k', 'line_pad or frame_pad',
+         '-p', 'no:cacheprovider'],
+        env=environment, cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout[-3000:]
+    assert ' passed' in done.stdout
+
+
+@pytest.mark.parametrize('key', ['line_pad', 'frame_pad'])
+def test_a_new_sensor_is_read_through_a_pseudo_terminal(
+    home: Path, key: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sensors, '__path__', [*sensors.__path__, str(home)])
+    importlib.invalidate_caches()
+    spec = load_sensor(key)
+    config = spec.config(noise=0.0)
+    wanted = spec.presses(config, 0, 1, noise=0.0).values[75]
+    assert wanted.max() > 0.1
+    with spec.simulate(config, spec.connection(), lambda t: wanted) as twin:
+        own = spec.open(config, spec.connection(port=twin.port), time.monotonic_ns)  # type: ignore[attr-defined]
+        with own as device:
+            frames = [device.read(5.0) for _ in range(3)]
+    for frame in frames:
+        assert np.abs(frame.values - wanted).max() <= 0.51 / 1023
+
+
+def test_new_says_what_comes_next(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('TACTILE_SENSORS', '/elsewhere')
+    assert main(['new', 'my_pad', '--taxels', '2x2', '--lines']) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        'my_sensors/my_pad/__init__.py',
+        'next:',
+        f'  export TACTILE_SENSORS={tmp_path}/my_sensors:/elsewhere',
+        '  tactile view --sensor my_pad',
+        '  tactile doctor --sensor my_pad --port /dev/ttyACM0',
+    ]
+
+
+@pytest.mark.parametrize('kind', ['folder', 'file', 'link'])
+def test_new_writes_over_nothing(
+    tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = tmp_path / 'my_pad'
+    if kind == 'folder':
+        place.mkdir()
+    elif kind == 'file':
+        place.write_text('mine')
+    else:
+        place.symlink_to('nowhere')
+    assert main(['new', 'my_pad', '--taxels', '2x2', '--folder', str(tmp_path)]) == 1
+    assert f'{place} exists already' in capsys.readouterr().err
+    assert list(tmp_path.rglob('*')) == [place]
+
+
+@pytest.mark.parametrize(
+    ('key', 'words'),
+    [
+        ('My_Pad', 'KEY must be a name such as my_pad'),
+        ('../pad', 'KEY must be a name'),
+        ('lambda', 'KEY must be a name'),
+        ('a' * 41, 'KEY must be a name'),
+        ('taxel_array', 'KEY must be a new name, none of five_wire_skin'),
+        ('anyskin', 'KEY must be a new name'),
+        ('regression', 'KEY must be a new name'),
+    ],
+)
+def test_new_refuses_a_key(
+    tmp_path: Path, key: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['new', key, '--taxels', '4x4', '--folder', str(tmp_path)]) == 2
+    assert words in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize('taxels', ['4', '0x4', '4x4x4', '17x16', '-1x2', 'axb'])
+def test_new_refuses_a_shape(taxels: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(['new', 'my_pad', f'--taxels={taxels}'])
+    assert 'must be ROWSxCOLUMNS, such as 4x4, of 1 to 256 taxels' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('lines', [True, False])
+def test_the_largest_sensor_fits_its_port(lines: bool) -> None:
+    for rows, columns in ((16, 16), (13, 19), (7, 4), (1, 1)):
+        held: dict[str, object] = {'__name__': __name__}
+        exec(sensor('tried', rows, columns, 1e-3, lines=lines), held)
+        spec = held['SENSOR']
+        config = spec.config(rate_hz=80.0)  # type: ignore[attr-defined]
+        assert spec.open(config, spec.connection(), time.monotonic_ns) is not None  # type: ignore[attr-defined]
