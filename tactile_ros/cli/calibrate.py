@@ -23,6 +23,7 @@ from tactile_ros.cli.console import (
     read_config,
     refuse_unwritable,
     show,
+    tell_if_busy,
     working,
 )
 from tactile_ros.errors import RecordingError
@@ -117,6 +118,7 @@ def run(options: argparse.Namespace) -> int:
         seconds = time.perf_counter() - began
         print(f'fitted in {seconds:.1f} s; metres and newton; written to {options.output}')
         print(f'SHA-256 {pipeline.digest}')
+        tell_if_busy()
     return 0
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import tempfile
 import threading
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
     from tactile_ros.types.contracts import Cell
 
 PATIENCE_S, STEP_S = 2.0, 0.5  # without a word; between two
+BUSY = 0.75  # programs that run, over processors
+LOAD = os.getloadavg()[0]  # of the minute before this command
 
 
 def show(
@@ -45,6 +48,8 @@ def show(
     if title:
         print()
     print(Table(title, tuple(columns), tuple(map(tuple, rows))))
+    if any(name.startswith('us') for name in columns):
+        tell_if_busy()
 
 
 def as_objects(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> list[dict[str, Cell]]:
@@ -116,6 +121,14 @@ def working(
     finally:
         done.set()
         teller.join()
+
+
+def tell_if_busy(load: float = LOAD) -> None:
+    """Say on stderr that times mean little where other programs had the processors before."""
+    processors = len(os.sched_getaffinity(0))
+    if load > BUSY * processors:
+        many = f'{load:.1f} programs on {processors} processors'
+        print(f'this machine was busy before ({many}): times mean little', file=sys.stderr)
 
 
 def refuse_unwritable(path: Path, mark: bytes = b'', *, overwrite: bool = True) -> None:

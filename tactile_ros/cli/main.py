@@ -5,8 +5,12 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
+import re
 import sys
+from contextlib import ExitStack, redirect_stderr
 from difflib import get_close_matches
+from pathlib import Path
+from typing import NoReturn
 
 from tactile_ros import __version__
 from tactile_ros.errors import TactileError, plain
@@ -17,6 +21,7 @@ COMMANDS = {  # with the first line of its module, which alone is imported to ru
     'run': 'Run the nodes of a sensor, or of a hand with its sensors, until Ctrl-C.',
     'demo': 'Run a real recording through the real graph, record, replay and report it.',
     'calibrate': "Fit a sensor's estimators to recordings with truth; write a calibration file.",
+    'calibration': 'Show a calibration file: sensor, estimators, errors, how it was set.',
     'enrol': 'Learn a class from a few presses, live or from a recording, or forget one by name.',
     'record': 'Record what a replay needs of one sensor into a bag, until Ctrl-C.',
     'replay': 'Evaluate recordings against their truth, without ROS, and against the live run.',
@@ -28,11 +33,44 @@ COMMANDS = {  # with the first line of its module, which alone is imported to ru
     'bench': 'Compare with published figures and with peers, then time; write json.',
 }
 FAILED, WRONG_USE, INTERRUPTED, UNHEARD = 1, 2, 130, 141
+SETTINGS = Path('tactile.toml')  # in the working folder
+MOST_SETTINGS = 10_000  # bytes
+SIMULATED = '--simulated'
+SETTABLE = {  # options of commands that it sets where they are not given
+    'run': {'sensor': 'sensor', 'port': 'port', 'calibration': 'calibration'},
+    'view': {'sensor': 'sensor', 'port': 'board', 'calibration': 'calibration'},
+    'doctor': {'sensor': 'sensor', 'port': 'port'},
+    'demo': {'sensor': 'sensor'},
+    'replay': {'calibration': 'calibration'},
+}
+OTHER = {'view': ('recording', 'namespace'), 'run': ('hand',)}  # where such is named, it sets none
+WRONG = re.compile(
+    r"(?:unrecognized arguments:|invalid choice:|received) '?([\w-]+)|^(\S+) does not exist, and"
+)
+RIGHT = re.compile(r'(?:one of|choose from|none of|ships only) \(?([^;()]+)')
+
+
+class Parser(argparse.ArgumentParser):
+    """Arguments of a command, whose refusals guess at what was meant."""
+
+    def error(self, message: str) -> NoReturn:
+        """Refuse; see `argparse`."""
+        super().error(with_guess(message, [*self._option_string_actions]))
+
+
+def with_guess(said: str, options: list[str] | None = None) -> str:
+    """Add a guess to a sentence that says what is wrong and what could be, or `options` could."""
+    wrong, right = WRONG.search(said), RIGHT.search(said)
+    if wrong is None or 'did you mean' in said:
+        return said
+    could = re.findall(r'[\w-]+', right[1]) if right else options or []
+    close = get_close_matches(wrong[1] or wrong[2], could, 1)
+    return f'{said}; did you mean {close[0]}?' if close else said
 
 
 def parser(only: str | None = None) -> argparse.ArgumentParser:
     """Arguments of all commands, or of one; the others are named."""
-    top = argparse.ArgumentParser(
+    top = Parser(
         prog='tactile',
         description='Tactile sensors for robot hands: calibrate, run, replay, show and measure.',
         epilog='exit codes: 0 done; 1 failed, or something is wrong or left out; 2 wrong use; '
@@ -49,6 +87,7 @@ def parser(only: str | None = None) -> argparse.ArgumentParser:
             continue
         module = importlib.import_module(f'tactile_ros.cli.{name}')
         own.description = module.__doc__
+        own.add_argument('--quiet', action='store_true', help='no progress and no notes')
         module.add_arguments(own)
         own.set_defaults(run=module.run, refuse=own.error)
     return top
@@ -59,7 +98,77 @@ def complete(top: argparse.ArgumentParser) -> None:
     if '_ARGCOMPLETE' in os.environ:
         from argcomplete import autocomplete
 
+        from tactile_ros.sensors import list_sensors
+
+        for own in top._subparsers._group_actions[0].choices.values():  # type: ignore[union-attr]
+            for action in own._actions:
+                if action.dest == 'sensor':
+                    action.completer = lambda **_: list_sensors()
         autocomplete(top)
+
+
+def settings() -> dict[str, str]:
+    """Sensor, port and calibration that a file in the working folder sets.
+
+    Raises
+    ------
+    ValueError
+        If it sets anything else, or is no plain TOML.
+    """
+    if not SETTINGS.is_file():
+        return {}
+    try:
+        import tomllib
+    except ImportError:
+        print(f'note: {SETTINGS} is read by Python 3.11 or later alone', file=sys.stderr)
+        return {}
+    try:
+        with SETTINGS.open('rb') as file:
+            found = tomllib.loads(file.read(MOST_SETTINGS).decode())
+    except ValueError as error:
+        raise ValueError(f'{SETTINGS} must be plain TOML: {error}') from error
+    known = tuple(SETTABLE['run'])
+    for name, value in found.items():
+        if name not in known or not (isinstance(value, str) and value):
+            told = f'{name} = {value!r}'[:80]
+            msg = f'{SETTINGS} must set texts, one of {", ".join(known)}; received {told}'
+            raise ValueError(msg)
+    return found
+
+
+def with_settings(given: list[str]) -> list[str]:
+    """Words of a command with the options that the file sets before them.
+
+    It sets what belongs to one sensor: where that is named, the words stay as they are.
+    """
+    options = {f'--{option}': name for name, option in SETTABLE.get(given[0], {}).items()}
+    words = [word.partition('=')[0] for word in given[1:] if len(word) > 3]  # perhaps shortened
+    named = {option for option in options for word in words if option.startswith(word)}
+    found = settings() if options and '--sensor' not in named else {}
+    added = [
+        f'{option}={found[name]}'
+        for option, name in options.items()
+        if name in found and option not in named and not (name == 'port' and SIMULATED in given)
+    ]
+    return [given[0], *added, *given[1:]]
+
+
+def parse(top: argparse.ArgumentParser, given: list[str]) -> argparse.Namespace:
+    """Options of a command, as they are given or set by the file; wrong ones end the program."""
+    try:
+        words = with_settings(given) if given else given
+    except ValueError as error:
+        top.error(plain(str(error)))
+    options, unknown = top.parse_known_args(words)
+    if any(getattr(options, name) for name in OTHER.get(options.command, ())):
+        words = given
+        options, unknown = top.parse_known_args(words)
+    if unknown:  # argparse would show the usage of `tactile`, which has no options
+        options.refuse(f'unrecognized arguments: {" ".join(unknown)}')
+    added = words[1 : len(words) - len(given) + 1]
+    if added and not options.quiet:
+        print(f'set by {SETTINGS}: {" ".join(added)}', file=sys.stderr)
+    return options
 
 
 def sentence(error: Exception) -> str:
@@ -67,7 +176,7 @@ def sentence(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
         named = [str(name) for name in (error.filename, error.filename2) if name]
         return plain(': '.join([*named, error.strerror]))
-    return plain(str(error))
+    return plain(with_guess(str(error)))
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -89,11 +198,12 @@ def main(arguments: list[str] | None = None) -> int:
         close = get_close_matches(first, COMMANDS, 1)
         meant = f'did you mean {close[0]}?' if close else f'there are {", ".join(COMMANDS)}'
         top.error(f'{plain(first)} is no command; {meant}')
-    options, unknown = top.parse_known_args(given)
-    if unknown:  # argparse would show the usage of `tactile`, which has no options
-        options.refuse(f'unrecognized arguments: {" ".join(unknown)}')
+    options = parse(top, given)
     try:
-        code = int(options.run(options) or 0)
+        with ExitStack() as held:
+            if options.quiet:
+                held.enter_context(redirect_stderr(held.enter_context(Path(os.devnull).open('w'))))
+            code = int(options.run(options) or 0)
         sys.stdout.flush()
     except BrokenPipeError:
         # or Python tries again at its end, and complains

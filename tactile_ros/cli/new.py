@@ -6,7 +6,7 @@ parts of the file.
 
 example:
   tactile new my_pad --taxels 4x4 --lines
-  tactile new my_jaw --taxels 8x9 --pitch 0.003
+  tactile new my_jaw --taxels 8x9
 """
 
 from __future__ import annotations
@@ -78,7 +78,8 @@ if TYPE_CHECKING:
     from tactile_ros.enrolment import Touches
     from tactile_ros.types import Recording
 
-ROWS, COLUMNS, PITCH = $rows, $columns, $pitch  # PITCH (m): from the middle of a taxel to the next
+ROWS, COLUMNS = $rows, $columns
+PITCH = 5e-3  # from the middle of a taxel to the next (m)
 FULL_COUNT = 1023  # the largest count of the board's converter
 NOISE = 1e-3  # of a simulated reading, share of the range
 PRESSES = 40  # that are simulated
@@ -174,19 +175,11 @@ def shape(text: str) -> tuple[int, int]:
     return rows, columns
 
 
-def metres(text: str) -> float:
-    """A distance between taxels."""
-    if not 1e-5 <= (value := float(text)) <= 1.0:
-        raise argparse.ArgumentTypeError(f'must be 0.00001 to 1 (m); received {text}')
-    return value
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `tactile new`."""
     parser.add_argument('key', metavar='KEY', help='name of the sensor, such as my_pad')
     parser.add_argument('--taxels', type=shape, required=True, metavar='RxC', help='such as 4x4')
     parser.add_argument('--lines', action='store_true', help='the board prints text lines')
-    parser.add_argument('--pitch', type=metres, default=5e-3, help='between taxels (m), 0.005')
     parser.add_argument('--folder', type=Path, default=FOLDER, help=f'of own sensors ({FOLDER})')
 
 
@@ -197,7 +190,7 @@ def run(options: argparse.Namespace) -> int:
     if os.path.lexists(place):
         raise TactileError(f'{place} exists already; nothing is written over: name another KEY')
     rows, columns = options.taxels
-    text = sensor(options.key, rows, columns, options.pitch, lines=options.lines)
+    text = sensor(options.key, rows, columns, lines=options.lines)
     refuse_unwritable(place / '__init__.py')
     print(write_beside(place / '__init__.py', text.encode()))
     known = [str(options.folder.resolve()), os.environ.get('TACTILE_SENSORS', '')]
@@ -224,14 +217,14 @@ def refuse_key(key: str) -> None:
         raise ValueError(f'KEY must be a new name, none of {", ".join(taken)}; received {key!r}')
 
 
-def sensor(key: str, rows: int, columns: int, pitch: float, *, lines: bool) -> str:
+def sensor(key: str, rows: int, columns: int, *, lines: bool) -> str:
     """Text of the file."""
     name = key.title().replace('_', '')
     baud = next(baud for most, baud in BAUDS if rows * columns <= most)
     framed = '\nfrom tactile_ros.devices.framed_protocol import Payload, taxel_matrix'
     connection = Template(LINES if lines else FRAMES).substitute(name=name, baud=f'{baud:_}')
     return SENSOR.substitute(
-        key=key, name=name, rows=rows, columns=columns, pitch=f'{pitch:g}', connection=connection,
+        key=key, name=name, rows=rows, columns=columns, connection=connection,
         kind='LineConnection' if lines else f'FramedConnection{framed}',
         transport='serial: text lines' if lines else 'serial: framed protocol, taxels of 10 bits',
     )  # fmt: skip

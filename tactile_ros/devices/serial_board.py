@@ -492,6 +492,6 @@ class LineBoard(SerialBoard):
         self._queue(values, None, status, self._time.follow(lost, now_ns), lost)
 
     def _silence(self, timeout: float) -> DeviceTimeout:
-        said = f'; the last line was {self._decoder.last!r}' if self._decoder.last else ''
+        said = f'; the last line was {self._decoder.last}' if self._decoder.last else ''
         what = f'no line of {self._decoder.content.split()[0]} numbers'
         return DeviceTimeout(f'{what} came from {self._port.port} within {timeout:g} s{said}')

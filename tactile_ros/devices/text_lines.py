@@ -19,7 +19,7 @@ from tactile_ros.types import Array
 COLUMN_BYTES = 5  # four digits and what separates them: a usual number
 END = b'\r\n'
 MOST_LINES = 16  # usual lines without an end, after which it is no text of numbers
-SHOWN = 60  # characters of a line in a sentence
+SHOWN = 60  # bytes of a line in a sentence
 _BLANKS = bytes.maketrans(b',;\t\r', b'    ')
 _NUMERIC = b'0123456789+-.eE'
 
@@ -51,7 +51,7 @@ class LineDecoder:
 
     The first line after `reset` lacks its beginning, perhaps, and does not count. The lines after
     it tell whether there is a column before the numbers; another number of columns is believed
-    when it comes twice. `last` is the last line that could not be read, in printable characters.
+    when it comes twice. `last` is the last line that could not be read, in quotes.
     """
 
     def __init__(self, count: int) -> None:
@@ -117,8 +117,7 @@ class LineDecoder:
         """Count a line that cannot be read."""
         self.counts.malformed += 1
         self._lost_bytes += min(len(line) + 1, MOST_LINES * self.size)
-        text = line[:SHOWN].decode('ascii', 'replace')
-        self.last = ''.join(c if c.isprintable() else '?' for c in text).strip()
+        self.last = repr(line[:SHOWN].strip())[1:]
 
     def _end_loss(self, size: int) -> int:
         """Lines lost before a good one of so many bytes; none before the first."""

@@ -53,6 +53,7 @@ def test_an_unknown_option_is_answered_by_its_command(
 ) -> None:
     needed = {
         'calibrate': ['reskin_board', 'a.npz', '-o', 'c.npz'],
+        'calibration': ['show', 'c.npz'], 'new': ['my_pad', '--taxels', '4x4'],
         'enrol': ['mug'], 'record': ['-o', 'bag'], 'bench': ['replay'],
         'replay': ['bag', '--calibration', 'c.npz'], 'compare': ['a.npz', 'b.npz'],
     }  # fmt: skip

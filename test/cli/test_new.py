@@ -124,7 +124,7 @@ def test_new_refuses_a_shape(taxels: str, capsys: pytest.CaptureFixture[str]) ->
 def test_the_largest_sensor_fits_its_port(lines: bool) -> None:
     for rows, columns in ((16, 16), (13, 19), (7, 4), (1, 1)):
         held: dict[str, object] = {'__name__': __name__}
-        exec(sensor('tried', rows, columns, 1e-3, lines=lines), held)
+        exec(sensor('tried', rows, columns, lines=lines), held)
         spec = held['SENSOR']
         config = spec.config(rate_hz=80.0)  # type: ignore[attr-defined]
         assert spec.open(config, spec.connection(), time.monotonic_ns) is not None  # type: ignore[attr-defined]

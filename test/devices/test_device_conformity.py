@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.harness.fault_trials import RATE_HZ, STORM, STORMS, Road, suffer, usable, ways
 from tactile_ros.devices.simulated_i2c import ChipArrayTwin
-from tactile_ros.devices.simulated_serial import BYTE_FAULTS, FramedTwin, SerialTwin
+from tactile_ros.devices.simulated_serial import BYTE_FAULTS, STALL_S, FramedTwin, SerialTwin
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.sensors import list_sensors, load_sensor
 from tactile_ros.types import TaxelStatus
@@ -125,9 +125,10 @@ def test_driver_survives_a_storm_of_everything(key: str, how: dict[str, object])
         frames = road.run(0.25)
         left_out = {*road.twin.unseen, 'stuck_chip', 'unplug'}
         kinds = [f for f in road.twin.faults if f not in left_out]
-        for fault in rng.choice(kinds, 40):
-            road.twin.inject(str(fault))
-        frames += road.run(6.0)
+        storm = rng.choice(kinds, 40).tolist()
+        for fault in storm:
+            road.twin.inject(fault)
+        frames += road.run(6.0 + STALL_S * storm.count('stall'))
         times = road.times(frames)
         wrong = sum(road.wrong(frame, t) for frame, t in zip(frames, times, strict=True))
         injected = sum(road.twin.injected.values())
