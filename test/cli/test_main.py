@@ -13,7 +13,7 @@ import pytest
 
 from tactile_ros.cli import console
 from tactile_ros.cli import main as entry
-from tactile_ros.cli.main import with_guess, main, parser, settings, with_settings
+from tactile_ros.cli.main import main, parser, settings, with_guess, with_settings
 
 
 @pytest.fixture

@@ -111,7 +111,7 @@ def test_board_without_a_sensor_is_read_with_scale() -> None:
 def test_board_marks_its_limit_and_shows_a_line_that_it_cannot_read() -> None:
     with SimulatedSerialPort() as port, open_lines(port.port, 2) as board:
         port.send(b'\nwarming up \xb0C\n')
-        with pytest.raises(DeviceTimeout, match=r"no line of 2 numbers came .*'warming up \\xb0C'$"):
+        with pytest.raises(DeviceTimeout, match=r"no line of 2 numbers .*'warming up \\xb0C'$"):
             board.read(0.1)
         port.send(b'1,2\n')
         assert board.read(5.0).status is None
