@@ -1,4 +1,4 @@
-"""Show a calibration file: its sensor, its estimators, their errors, and how it was set.
+"""Show a calibration file: sensor, estimators, errors, how it was set.
 
 Errors are those of held-out groups, as `tactile calibrate` printed them when the file was made.
 Fields of the config are listed where they are not the defaults.

@@ -33,6 +33,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_new_sensors_pass_the_suites_of_conformity(home: Path) -> None:
     environment = {**os.environ, 'TACTILE_SENSORS': str(home)}
     done = subprocess.run(
