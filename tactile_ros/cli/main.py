@@ -43,7 +43,11 @@ SETTABLE = {  # options of commands that it sets where they are not given
     'demo': {'sensor': 'sensor'},
     'replay': {'calibration': 'calibration'},
 }
-OTHER = {'view': ('recording', 'namespace'), 'run': ('hand',)}  # where such is named, it sets none
+OTHER = {  # where such is named, it sets none
+    'view': ('recording', 'namespace'),
+    'run': ('hand',),
+    'doctor': ('bag',),
+}
 WRONG = re.compile(
     r"(?:unrecognized arguments:|invalid choice:|received) '?([\w-]+)|^(\S+) does not exist, and"
 )
