@@ -126,25 +126,25 @@ class Card {
   }
 
   drawForce() {
-    const [pen, w, h] = fit(this.force), left = 44, bottom = 18, now = this.frame.t;
+    const [pen, w, h] = fit(this.force), left = 44, bottom = 18, top = 20, now = this.frame.t;
     const shown = [0, 1, 2].filter((k) => this.history.some((p) => p.force[k] !== null));
     let low = 0, high = 0.1;
     for (const p of this.history) for (const k of shown) if (p.force[k] !== null) {
       const s = Math.min(2 * (p.sigma[k] ?? 0), Math.abs(p.force[k]) + 1);
       low = Math.min(low, p.force[k] - s); high = Math.max(high, p.force[k] + s);
     }
-    const x = (t) => left + (w - left - 8) * (1 + (t - now) / SPAN), y = (v) => (h - bottom) * (high - v) / (high - low) + 2;
+    const x = (t) => left + (w - left - 8) * (1 + (t - now) / SPAN), y = (v) => top + (h - bottom - top) * (high - v) / (high - low);
     pen.font = '12px system-ui'; pen.fillStyle = ink('--soft'); pen.strokeStyle = ink('--line'); pen.lineWidth = 1;
     for (const v of [low, 0, high]) {
       pen.beginPath(); pen.moveTo(left, y(v)); pen.lineTo(w - 8, y(v)); pen.stroke();
-      if (v === 0 || Math.abs(y(v) - y(0)) > 14) pen.fillText(`${short(v, 2)} N`, 2, Math.min(Math.max(y(v) + 4, 11), h - bottom));
+      if (v === 0 || Math.abs(y(v) - y(0)) > 14) pen.fillText(`${short(v, 2)} N`, 2, Math.min(y(v) + 4, h - bottom));
     }
     pen.fillText('−10 s', left, h - 4); pen.fillText('now', w - 32, h - 4);
     if (!shown.length) { pen.fillText('no force is estimated', left + 40, h / 2); return; }
     shown.forEach((k, place) => {
       const points = this.history.filter((p) => p.force[k] !== null), stroke = ink(['--x', '--y', '--z'][k]);
       pen.fillStyle = stroke; pen.globalAlpha = 0.18; pen.beginPath();
-      const edge = (p, sign) => pen.lineTo(x(p.t), Math.min(Math.max(y(p.force[k] + sign * 2 * (p.sigma[k] ?? 0)), 0), h - bottom));
+      const edge = (p, sign) => pen.lineTo(x(p.t), Math.min(Math.max(y(p.force[k] + sign * 2 * (p.sigma[k] ?? 0)), top), h - bottom));
       points.forEach((p) => edge(p, 1)); [...points].reverse().forEach((p) => edge(p, -1)); pen.fill();
       pen.globalAlpha = 1; pen.strokeStyle = stroke; pen.lineWidth = 1.8; pen.beginPath();
       points.forEach((p) => pen.lineTo(x(p.t), y(p.force[k]))); pen.stroke();
