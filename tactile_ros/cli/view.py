@@ -21,6 +21,7 @@ import threading
 import time
 import webbrowser
 from collections import deque
+from concurrent.futures import Future
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -41,7 +42,7 @@ from tactile_ros.view.viewer import Viewer
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from tactile_ros.evaluation.recording_files import LoadedRecording
     from tactile_ros.pipeline import Pipeline
@@ -145,28 +146,47 @@ def feed(viewer: PageServer | Viewer, options: argparse.Namespace) -> None:
         run_viewer(names, viewer.show, viewer.grip, options.seconds, begin)
 
 
+class LivePipeline:
+    """Pipeline of what is read, in one thread, and tared in another."""
+
+    def __init__(self, pipeline: Pipeline, learned: Future[Pipeline] | None) -> None:
+        self.pipeline = pipeline
+        self._learned = learned  # takes its place when it is there
+        self._recent: deque[Frame] = deque(maxlen=TARE_FRAMES)
+        self._lock = threading.Lock()
+
+    def tare(self, _: str) -> str:
+        """Take the last frames for rest; return what was done, or why not."""
+        with self._lock:
+            try:
+                self.pipeline.tare(list(self._recent))
+            except ValueError as error:
+                return str(error)
+            return f'tared on the last {len(self._recent)} frames'
+
+    def process(self, frame: Frame) -> ContactState:
+        """State of the next frame."""
+        with self._lock:
+            if self._learned is not None and self._learned.done():
+                self.pipeline, self._learned = self._learned.result(), None
+                print('calibrated on simulated presses', file=sys.stderr)
+            self._recent.append(frame)
+            return self.pipeline.process(frame)
+
+
 def show_sensor(viewer: PageServer | Viewer, options: argparse.Namespace) -> None:
     """Frames of a board or of a twin through the driver, and what a pipeline says of them."""
     spec = load_sensor(options.sensor)
     config = spec.config(**({} if options.board else spec.demo))
+    pipeline, learned = spec.pipeline(config), None
     if options.calibration:
         pipeline = open_calibration(options.calibration)
-    elif options.board:
-        pipeline = spec.pipeline(config)
-    else:
-        with working(f'calibrating {spec.key} on simulated presses'):
-            pipeline = fitted(spec, config, options.seed + 1)
-    recent: deque[Frame] = deque(maxlen=TARE_FRAMES)
-    lock = threading.Lock()
-
-    def tare(_: str) -> str:
-        with lock:
-            try:
-                pipeline.tare(list(recent))
-            except ValueError as error:
-                return str(error)
-            return f'tared on the last {len(recent)} frames'
-
+    elif not options.board:
+        learned = learning(lambda: fitted(spec, config, options.seed + 1))
+        if not isinstance(viewer, PageServer):  # a page shows the nominal model meanwhile
+            with working(f'calibrating {spec.key} on simulated presses'):
+                learned.result()
+    live = LivePipeline(pipeline, learned)
     end = float('inf') if options.seconds is None else time.monotonic() + options.seconds
     with ExitStack() as held:
         connection = spec.connection(**({'port': options.board} if options.board else {}))
@@ -176,16 +196,28 @@ def show_sensor(viewer: PageServer | Viewer, options: argparse.Namespace) -> Non
             twin = held.enter_context(spec.simulate(config, connection, None, options.seed))
             device = held.enter_context(twin.device(time.time_ns))
         if isinstance(viewer, PageServer):
-            viewer.tare = tare
+            viewer.tare = live.tare
         while time.monotonic() < end:
             try:
                 frame = device.read(READ_S)
             except DeviceTimeout:
                 continue
-            with lock:
-                recent.append(frame)
-                state = pipeline.process(frame)
-            viewer.show('', pipeline.layout, frame, state)
+            state = live.process(frame)
+            viewer.show('', live.pipeline.layout, frame, state)
+
+
+def learning(fit: Callable[[], Pipeline]) -> Future[Pipeline]:
+    """Calibration that is made meanwhile, in a thread that no end waits for."""
+    made: Future[Pipeline] = Future()
+
+    def work() -> None:
+        try:
+            made.set_result(fit())
+        except Exception as error:  # raised again where the result is asked for
+            made.set_exception(error)
+
+    threading.Thread(target=work, daemon=True).start()
+    return made
 
 
 def fitted(spec: SensorSpec, config: SensorConfig, seed: int) -> Pipeline:

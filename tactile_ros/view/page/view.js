@@ -198,7 +198,9 @@ function paint() {
     drawGrips(waiting.grips);
     note.textContent = control ? 'key T tares all sensors' : '';
     waiting = null;
-  } else if (heard && performance.now() - heard > 1000 && events.readyState === 1) note.textContent = 'no new frames for a second';
+  } else if (performance.now() - heard > 1000 && events.readyState === 1) {
+    note.textContent = heard ? 'no new frames for a second' : 'waiting for the first frame …';
+  }
   requestAnimationFrame(paint);
 }
 requestAnimationFrame(paint);
