@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 from tactile_ros.calibration import MARK
 from tactile_ros.cli.console import (
+    SHARE,
     add_overwrite,
     find,
     read_config,
@@ -100,8 +101,14 @@ def run(options: argparse.Namespace) -> int:
         raise RecordingError(f'{", ".join(options.recordings)} hold no truth to calibrate with')
     began = time.perf_counter()
     pipeline = spec.pipeline(fit_layout(config, loaded[0].layout), options.estimator)
-    with working(f'fitting {spec.key}'):
-        pipeline.fit(*with_known_rests(loaded))
+    known = with_known_rests(loaded)
+
+    def part() -> None:
+        some = [one.select(slice(0, -(-len(one) // SHARE))) for one in known]
+        spec.pipeline(pipeline.config, options.estimator).fit(*some)
+
+    with working(f'fitting {spec.key}', part=part):
+        pipeline.fit(*known)
     if not pipeline.estimators:
         names = sorted({name for recording in loaded for name in recording.truth})
         msg = f'nothing in {", ".join(options.recordings)} can be learned: truth has '

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import sys
 import tempfile
 import threading
 import time
 from contextlib import contextmanager, suppress
 from dataclasses import fields, replace
+from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,7 +25,7 @@ from tactile_ros.types import Closing, Table
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from typing import TextIO
 
     from tactile_ros.sensors import SensorSpec
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
     from tactile_ros.types.contracts import Cell
 
 PATIENCE_S, STEP_S = 2.0, 0.5  # without a word; between two
+SHARE, BESIDE, LONGEST_S = 8, 10, 60  # work over its part in a rehearsal; its niceness, its time
 BUSY = 0.75  # programs that run, over processors
 LOAD = os.getloadavg()[0]  # of the minute before this command
 
@@ -95,24 +98,64 @@ class Progress(Closing):
             self._bar = None
 
 
+class Rehearsal(Closing):
+    """One part in `SHARE` of some work in a process beside, whose time tells that of the whole."""
+
+    def __init__(self, work: Callable[[], object]) -> None:
+        context = get_context('fork')
+        self._spent = context.Value('d', 0.0)  # s of a processor; 0: not known yet
+        self._beside = context.Process(target=self._run, args=(work,), daemon=True)
+        self._beside.start()
+
+    def _run(self, work: Callable[[], object]) -> None:
+        resource.setrlimit(resource.RLIMIT_CPU, (LONGEST_S, LONGEST_S))  # also if we are killed
+        os.nice(BESIDE)
+        began = time.process_time()
+        with suppress(Exception):  # the whole work may well do what a part cannot
+            work()
+            self._spent.value = time.process_time() - began
+
+    @property
+    def expected_s(self) -> float:
+        """Time that the whole may take (s); 0: not known yet, or not at all."""
+        return SHARE * self._spent.value
+
+    def close(self) -> None:
+        """End the process."""
+        self._beside.kill()
+        self._beside.join()
+
+
 @contextmanager
 def working(
-    what: str, stream: TextIO | None = None, patience_s: float = PATIENCE_S
-) -> Iterator[None]:
-    """Say on stderr what is being done once it takes long: a line, on a terminal the seconds."""
+    what: str, stream: TextIO | None = None, patience_s: float = PATIENCE_S,
+    part: Callable[[], object] | None = None,
+) -> Iterator[None]:  # fmt: skip
+    """Say on stderr what is being done once it takes long: a line, on a terminal the seconds.
+
+    `part` does one part in `SHARE` of it: where a second processor is there, it tells how long the
+    whole may take.
+    """
     done, began = threading.Event(), time.monotonic()
     file = stream or sys.stderr
+    rehearsal = Rehearsal(part) if part and len(os.sched_getaffinity(0)) > 1 else None
 
     def tell() -> None:
         if done.wait(patience_s):
             return
         if not file.isatty():
             print(f'{what} ...', file=file, flush=True)
-            return
         while not done.wait(STEP_S):
             seconds = time.monotonic() - began
-            print(f'\r{what} ... {seconds:.0f} s', end='', file=file, flush=True)
-        print('\r\033[K', end='', file=file, flush=True)
+            expected_s = rehearsal.expected_s if rehearsal else 0.0
+            about = f' of about {max(expected_s, seconds):.0f} s' if expected_s else ''
+            if file.isatty():
+                print(f'\r{what} ... {seconds:.0f} s{about}', end='', file=file, flush=True)
+            elif about:
+                print(f'{what} ... {seconds:.0f} s{about}', file=file, flush=True)
+                return
+        if file.isatty():
+            print('\r\033[K', end='', file=file, flush=True)
 
     teller = threading.Thread(target=tell, daemon=True)
     teller.start()
@@ -121,6 +164,8 @@ def working(
     finally:
         done.set()
         teller.join()
+        if rehearsal:
+            rehearsal.close()
 
 
 def tell_if_busy(load: float = LOAD) -> None:

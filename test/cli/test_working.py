@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import io
 import threading
+import time
 
-from tactile_ros.cli.console import working
+import pytest
+
+from tactile_ros.cli.console import SHARE, Rehearsal, working
 
 
 class Heard(io.StringIO):
@@ -44,3 +47,44 @@ def test_a_terminal_sees_the_seconds_and_then_an_empty_line() -> None:
         assert stream.told.wait(10.0)
     assert stream.getvalue().startswith('\rfitting ... ')
     assert stream.getvalue().endswith('\r\033[K')
+
+
+def spend(seconds: float = 0.02) -> None:
+    """Work of a processor."""
+    end = time.process_time() + seconds
+    while time.process_time() < end:
+        pass
+
+
+def fail() -> None:
+    raise ValueError
+
+
+def wait_for(rehearsal: Rehearsal) -> None:
+    rehearsal._beside.join(20.0)
+    assert rehearsal._beside.exitcode == 0
+
+
+def test_a_rehearsal_tells_how_long_the_whole_takes() -> None:
+    with Rehearsal(spend) as rehearsal:
+        wait_for(rehearsal)
+        assert 0.02 * SHARE <= rehearsal.expected_s < 0.2 * SHARE
+
+
+def test_a_rehearsal_that_fails_tells_nothing() -> None:
+    with Rehearsal(fail) as rehearsal:
+        wait_for(rehearsal)
+        assert rehearsal.expected_s == 0.0
+
+
+def test_long_work_is_told_with_its_estimate(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('tactile_ros.cli.console.STEP_S', 0.01)
+    monkeypatch.setattr('os.sched_getaffinity', lambda _: {0, 1})
+    stream = Heard(tty=False)
+    with working('fitting', stream, patience_s=0.0, part=spend):
+        assert stream.told.wait(10.0)
+        stream.told.clear()
+        while ' s of about ' not in stream.getvalue():
+            assert stream.told.wait(10.0)
+            stream.told.clear()
+    assert stream.getvalue().startswith('fitting ...\nfitting ... 0 s of about 0 s\n')
