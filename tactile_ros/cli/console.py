@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from tactile_ros.types.contracts import Cell
 
 PATIENCE_S, STEP_S = 2.0, 0.5  # without a word; between two
-SHARE, BESIDE, LONGEST_S = 8, 10, 60  # work over its part in a rehearsal; its niceness, its time
+SHARE, BESIDE, LONGEST_S = 8, 10, 60  # work over the part of an estimate; its niceness, its time
 BUSY = 0.75  # programs that run, over processors
 LOAD = os.getloadavg()[0]  # of the minute before this command
 
@@ -98,7 +98,7 @@ class Progress(Closing):
             self._bar = None
 
 
-class Rehearsal(Closing):
+class TimeEstimate(Closing):
     """One part in `SHARE` of some work in a process beside, whose time tells that of the whole."""
 
     def __init__(self, work: Callable[[], object]) -> None:
@@ -118,7 +118,7 @@ class Rehearsal(Closing):
     @property
     def expected_s(self) -> float:
         """Time that the whole may take (s); 0: not known yet, or not at all."""
-        return SHARE * self._spent.value
+        return float(SHARE * self._spent.value)
 
     def close(self) -> None:
         """End the process."""
@@ -138,7 +138,7 @@ def working(
     """
     done, began = threading.Event(), time.monotonic()
     file = stream or sys.stderr
-    rehearsal = Rehearsal(part) if part and len(os.sched_getaffinity(0)) > 1 else None
+    estimate = TimeEstimate(part) if part and len(os.sched_getaffinity(0)) > 1 else None
 
     def tell() -> None:
         if done.wait(patience_s):
@@ -147,7 +147,7 @@ def working(
             print(f'{what} ...', file=file, flush=True)
         while not done.wait(STEP_S):
             seconds = time.monotonic() - began
-            expected_s = rehearsal.expected_s if rehearsal else 0.0
+            expected_s = estimate.expected_s if estimate else 0.0
             about = f' of about {max(expected_s, seconds):.0f} s' if expected_s else ''
             if file.isatty():
                 print(f'\r{what} ... {seconds:.0f} s{about}', end='', file=file, flush=True)
@@ -164,8 +164,8 @@ def working(
     finally:
         done.set()
         teller.join()
-        if rehearsal:
-            rehearsal.close()
+        if estimate:
+            estimate.close()
 
 
 def tell_if_busy(load: float = LOAD) -> None:

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from tactile_ros.cli.console import SHARE, Rehearsal, working
+from tactile_ros.cli.console import SHARE, TimeEstimate, working
 
 
 class Heard(io.StringIO):
@@ -60,21 +60,21 @@ def fail() -> None:
     raise ValueError
 
 
-def wait_for(rehearsal: Rehearsal) -> None:
-    rehearsal._beside.join(20.0)
-    assert rehearsal._beside.exitcode == 0
+def wait_for(estimate: TimeEstimate) -> None:
+    estimate._beside.join(20.0)
+    assert estimate._beside.exitcode == 0
 
 
-def test_a_rehearsal_tells_how_long_the_whole_takes() -> None:
-    with Rehearsal(spend) as rehearsal:
-        wait_for(rehearsal)
-        assert 0.02 * SHARE <= rehearsal.expected_s < 0.2 * SHARE
+def test_an_estimate_tells_how_long_the_whole_takes() -> None:
+    with TimeEstimate(spend) as estimate:
+        wait_for(estimate)
+        assert 0.02 * SHARE <= estimate.expected_s < 0.2 * SHARE
 
 
-def test_a_rehearsal_that_fails_tells_nothing() -> None:
-    with Rehearsal(fail) as rehearsal:
-        wait_for(rehearsal)
-        assert rehearsal.expected_s == 0.0
+def test_an_estimate_that_fails_tells_nothing() -> None:
+    with TimeEstimate(fail) as estimate:
+        wait_for(estimate)
+        assert estimate.expected_s == 0.0
 
 
 def test_long_work_is_told_with_its_estimate(monkeypatch: pytest.MonkeyPatch) -> None:
