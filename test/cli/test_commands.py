@@ -22,7 +22,7 @@ from tactile_ros.cli.main import COMMANDS, main, parser, sentence
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.recording_files import load_recording, save_recording
 from tactile_ros.files import MOST_YAML_BYTES
-from tactile_ros.sensors import list_sensors, load_sensor
+from tactile_ros.sensors import load_sensor
 
 BENCHES = ', '.join(
     sorted(path.stem for path in (Path(__file__).parents[2] / 'benchmarks').glob('[!_]*.py'))
@@ -63,16 +63,6 @@ def test_an_unknown_option_is_answered_by_its_command(
     said = capsys.readouterr().err
     assert f'tactile {name}: error: unrecognized arguments: --nonsense' in said
     assert f'usage: tactile {name}' in said
-
-
-def test_list_names_every_sensor(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['list', '--json']) == 0
-    rows = json.loads(capsys.readouterr().out)
-    assert [row['sensor'] for row in rows] == list_sensors()
-    assert all(row['paper'] and row['transports'] for row in rows)
-    connect = {row['sensor']: row['connect'] for row in rows}
-    assert connect['gradiometer'].startswith('port /dev/ttyACM0 at 921600 baud')
-    assert connect['multipole_skin'].startswith('buses /dev/i2c-1 or port')
 
 
 def test_calibrate_prints_errors_of_held_out_groups(

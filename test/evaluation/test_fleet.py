@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from tactile_ros.evaluation.report import Dataset
     from tactile_ros.pipeline import Pipeline
 
+
 @pytest.fixture(scope='module')
 def folder(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> Path:
     """Two calibrations, two bags, a file, and what is no recording."""

@@ -34,7 +34,7 @@ def point_load(
     r = points - loads
     near = 1 / np.sqrt((r * r).sum(axis=-1, keepdims=True) + 1e-5**2)
     along = (forces * r).sum(axis=-1, keepdims=True)
-    return ((forces * near + along * r * near**3) / (4 * np.pi * shear_modulus))
+    return (forces * near + along * r * near**3) / (4 * np.pi * shear_modulus)
 
 
 def base_image(

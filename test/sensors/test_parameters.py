@@ -41,13 +41,6 @@ def test_defaults_survive_the_way_through_ros(key: str, part: str) -> None:
             assert isinstance(values[field.name], list)
 
 
-def test_one_number_of_an_array_serves_all_taxels() -> None:
-    schema = Schema(load_sensor('taxel_array').config())
-    values = {name: entry.ros_default for name, entry in schema.entries.items()}
-    config: Any = schema.build({**values, 'areas': [1e-6], 'positions': [0.0] * 6})
-    np.testing.assert_array_equal(config.areas, [1e-6, 1e-6])
-
-
 @pytest.mark.parametrize('key', list_sensors())
 def test_no_name_is_declared_twice_on_a_node(key: str) -> None:
     pytest.importorskip('rclpy')

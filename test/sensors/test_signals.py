@@ -11,9 +11,6 @@ import pytest
 from tactile_ros.enrolment import Touches
 from tactile_ros.sensors import load_sensor
 
-KEYS = (
-    'five_wire_skin', 'gradiometer', 'magnet_pad', 'multipole_skin', 'reskin_board', 'taxel_array',
-)  # fmt: skip
 # least and largest of the median change at full load (unit of values)
 CHANGES = {
     'five_wire_skin': (0.2, 1.0), 'gradiometer': (1e-3, 20e-3), 'magnet_pad': (50e-6, 5e-3),
@@ -37,7 +34,7 @@ def model(key: str, touches: Touches) -> np.ndarray:
     return np.asarray(values[0])
 
 
-@pytest.mark.parametrize('key', KEYS)
+@pytest.mark.parametrize('key', CHANGES)
 class TestSignal:
     def test_presses_change_the_readings_and_saturate_nothing(self, key: str) -> None:
         spec = load_sensor(key)
