@@ -118,7 +118,7 @@ def cost(trials: Trials, world: ModuleType) -> list[Row]:
         recogniser.search.find(presses)
         return time.perf_counter() - began
 
-    fast = 'numba' if compiled.available() else 'arrays alone'
+    fast = 'numba' if compiled.AVAILABLE else 'arrays alone'
     before, last = np.min([frames() for _ in range(AGAIN)], axis=0)
     times = {
         'templates of nine heads': (min(search() for _ in range(AGAIN)), 500.0),

@@ -192,23 +192,13 @@ class ManagedNode(LifecycleNode):
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Back to unconfigured."""
-        return super().on_cleanup(state) if self._is_cleaned_up() else FAILURE
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """From any state to the end."""
-        return super().on_shutdown(state) if self._is_cleaned_up() else FAILURE
-
-    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Recover to unconfigured."""
-        return super().on_error(state) if self._is_cleaned_up() else FAILURE
-
-    def _is_cleaned_up(self) -> bool:
-        """Stop and give back what configure took; False where that failed."""
+        """Stop and give back what configure took, on the way to any state that has nothing."""
         self._stop()
         done = self._tried(self.cleanup)
         self._configured = self._configured and not done
-        return done
+        return super().on_cleanup(state) if done else FAILURE
+
+    on_shutdown = on_error = on_cleanup
 
     def _tried(self, step: Callable[[], None]) -> bool:
         """Run a step; what it refuses is logged as its sentence."""

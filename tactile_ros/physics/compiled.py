@@ -27,11 +27,6 @@ ADDRESSES: dict[int, tuple[int, object]] = {}  # of compiled models, by identity
 DIGESTS: dict[int, str] = {}  # of the sources of compiled functions, by identity
 
 
-def available() -> bool:
-    """Loops are compiled."""
-    return AVAILABLE
-
-
 def compiled(function: Function) -> Function:
     """Compile a function of arrays and numbers when it is first called.
 

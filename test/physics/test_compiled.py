@@ -25,7 +25,7 @@ def test_without_a_compiler_a_function_stays_what_it_is(monkeypatch: pytest.Monk
     assert compiled.compiled(abs) is abs
 
 
-@pytest.mark.skipif(not compiled.available(), reason='numba is not installed')
+@pytest.mark.skipif(not compiled.AVAILABLE, reason='numba is not installed')
 def test_a_row_has_the_same_bits_alone() -> None:
     x = X.copy()
     model = PolynomialForce().fit(x, Y)
@@ -52,7 +52,7 @@ def started_anew(folder: Path, added: int) -> ModuleType:
     return importlib.import_module('outer_rows')
 
 
-@pytest.mark.skipif(not compiled.available(), reason='numba is not installed')
+@pytest.mark.skipif(not compiled.AVAILABLE, reason='numba is not installed')
 def test_what_is_kept_on_disk_is_of_the_callees_as_they_are(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

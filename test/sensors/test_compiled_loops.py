@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-pytestmark = pytest.mark.skipif(not compiled.available(), reason='numba is not installed')
+pytestmark = pytest.mark.skipif(not compiled.AVAILABLE, reason='numba is not installed')
 PRESSES = {'gradiometer': 12, 'magnet_pad': 30, 'taxel_array': 12, 'five_wire_skin': 30}
 
 
