@@ -53,10 +53,10 @@ PARSED_ALONE = {
     'tactile demo grasp': 'simulates for minutes; its scenes are run in test/simulation',
     'tactile doctor --sensor magnet_pad --set buses=[/dev/i2c-3] --probe --json':
         'asks real buses; test_doctor.py asks a simulated one',
-    'tactile enrol mug --presses 3': LIVE + 'test/nodes/test_enrolment.py',
-    'tactile enrol mug --namespace thumb --replace': LIVE + 'test/nodes/test_enrolment.py',
-    'tactile enrol mug --forget': LIVE + 'test/nodes/test_enrolment.py',
-    'tactile record -o out/my_bag': LIVE + 'test_commands.py, test/nodes/test_roads.py',
+    'tactile enrol mug --presses 3': LIVE + 'test/nodes/test_enrolment_server.py',
+    'tactile enrol mug --namespace thumb --replace': LIVE + 'test/nodes/test_enrolment_server.py',
+    'tactile enrol mug --forget': LIVE + 'test/nodes/test_enrolment_server.py',
+    'tactile record -o out/my_bag': LIVE + 'test_commands.py, test/nodes/test_stack.py',
     'tactile record -o out/thumb --namespace thumb --seconds 20': LIVE + 'test_commands.py',
     'tactile replay bags/* --calibration a.npz --scheduler tcp://10.0.0.1:8786':
         'needs a Dask cluster; test/evaluation/test_fleet.py starts one',

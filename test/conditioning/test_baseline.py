@@ -316,14 +316,6 @@ def test_resting_rows_give_baseline_and_noise(stamped: bool) -> None:
     np.testing.assert_allclose(rest.noise, 0.1, rtol=0.35)
 
 
-def test_the_order_of_independent_frames_does_not_matter_to_the_baseline() -> None:
-    values, rows = resting(), np.random.default_rng(3).random(SAMPLES) < 0.5
-    order = np.random.default_rng(4).permutation(SAMPLES)
-    one = Rest.unknown(SHAPE, 0.1).learn(values, rows, None, no_restarts())
-    other = Rest.unknown(SHAPE, 0.1).learn(values[order], rows[order], None, no_restarts())
-    np.testing.assert_allclose(one.baseline, other.baseline, rtol=1e-13)
-
-
 def test_without_resting_rows_readings_are_used_as_they_are() -> None:
     rest = Rest.unknown(SHAPE, None).learn(resting(), np.zeros(SAMPLES, bool), None, no_restarts())
     assert not rest.tared

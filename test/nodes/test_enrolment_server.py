@@ -6,7 +6,7 @@ import json
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from itertools import cycle, pairwise
+from itertools import cycle
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
@@ -21,7 +21,7 @@ from reference import enrolled_skin
 from tactile_ros.action import Enrol
 from tactile_ros.messages import fill_frame
 from tactile_ros.msg import TactileContacts, TactileFrame
-from tactile_ros.nodes import lifecycle, stack
+from tactile_ros.nodes import lifecycle
 from tactile_ros.nodes.contact_loop import ContactLoop
 from tactile_ros.nodes.contact_node import ContactNode
 from tactile_ros.nodes.enrolment_server import (
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from conftest import Ros
 
 SPEC = load_sensor('multipole_skin')
-WINDOW = SPEC.config().window  # type: ignore[attr-defined]
 PATIENCE_S = 60.0
 PRESS = (0.0, 5.0, 5.0, 5.0, 0.0)
 
@@ -362,23 +361,3 @@ def test_without_a_file_nothing_is_learned(ros: Ros, mugs: Recording) -> None:
     hand = Hand(ros, mugs)
     assert 'needs a calibration file' in hand.result(hand.ask('mug')).result.message
     assert not hand.forget('mug')
-
-
-def test_one_answer_stands_on_the_last_frame_of_each_window_of_a_twin(
-    ros: Ros, taught_skin: Path
-) -> None:
-    ros.init(
-        'sensor:=multipole_skin', f'calibration:={taught_skin}', 'simulated:=true',
-        'transport:=serial', 'seed:=1', 'contact_node:listeners:=1',
-    )  # fmt: skip
-    nodes = [ros.add(node) for node in stack.build()]
-    heard: list[TactileContacts] = ros.hear(TactileContacts, 'contacts')
-    lifecycle.start(nodes)
-    assert ros.until(lambda: sum(m.label >= 0 for m in heard) >= 8)
-    held = 0
-    for message in heard:
-        held = held + 1 if message.in_contact == 1 else 0
-        answered = message.label >= 0
-        assert not answered or held % WINDOW == 0, message.sequence
-        assert message.label_probability > 0 if answered else np.isnan(message.label_probability)
-    assert any(m.in_contact < n.in_contact for m, n in pairwise(heard))
