@@ -19,6 +19,7 @@ ONLY_IN = {
     'rclpy': ('nodes/',), 'serial': ('devices/transport',), 'smbus2': ('devices/transport',),
     'onnxruntime': ('estimators/embedding',), 'mujoco': ('simulation/',), 'foxglove': ('view/',),
     'sklearn': ('estimators/',), 'matplotlib': ('evaluation/figures',), 'torch': (),
+    'pyarrow': ('evaluation/',),
 }  # fmt: skip
 BAD_NAMES = {'utils', 'helpers', 'helper', 'common', 'base', 'manager', 'misc'}
 PURE = ('physics', 'conditioning', 'estimators', 'control', 'pipeline', 'calibration')

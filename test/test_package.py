@@ -146,7 +146,7 @@ def test_lock_files_hold_what_is_imported() -> None:
     of_ros = {
         name.replace('-', '_') for name in ros_packages('depend', 'exec_depend', 'test_depend')
     }
-    untested = modules(extras['train'] + extras['notebook'])
+    untested = modules(extras['train'] + extras['notebook'] + extras['export'])
     missing = anywhere - core - tested - of_ros - untested - {'packaging'}
     assert missing == set()
 

@@ -26,6 +26,7 @@ COMMANDS = {  # with the first line of its module, which alone is imported to ru
     'record': 'Record what a replay needs of one sensor into a bag, until Ctrl-C.',
     'replay': 'Evaluate recordings against their truth, without ROS, and against the live run.',
     'compare': 'Compare calibrations, estimators or live runs on the same frames, with p-values.',
+    'export': 'Write bags as csv, parquet, or a data set that robot policies learn from.',
     'report': 'Gather what benches found into one HTML page: aims held, missed, speed, error.',
     'view': 'Show taxels, contacts, forces and grip live in the browser, or in Foxglove.',
     'new': 'Begin a sensor of your own: one file that works at once with a simulated board.',

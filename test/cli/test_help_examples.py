@@ -81,6 +81,7 @@ PARSED_ALONE = {
 }  # fmt: skip
 LINES = [*dict.fromkeys([*examples(), *typed_on_pages()])]
 WRITTEN = ('-o', '--save', '--report', '--mcap', '--png', '--repair')
+WRITTEN += ('--csv', '--parquet', '--lerobot')
 
 
 def in_time(recording: Recording) -> Recording:
@@ -237,6 +238,8 @@ def test_an_example_runs(
 ) -> None:  # fmt: skip
     if '--foxglove' in line or '--mcap' in line:
         pytest.importorskip('foxglove')
+    if '--parquet' in line or '--lerobot' in line:
+        pytest.importorskip('pyarrow', reason='pyarrow is not installed: pip install pyarrow')
     if '--png' in line:
         pytest.importorskip('resvg_py')
     monkeypatch.chdir(place)

@@ -1,0 +1,83 @@
+"""Write bags as csv, parquet, or a data set that robot policies learn from.
+
+`--csv` and `--parquet` write a row for each frame, with a folder for each bag and sensor;
+contacts, and newtons of every taxel where a calibration gives them, lie beside. `--lerobot` writes
+a LeRobotDataset v3.0, each bag an episode: every frame of it has the tactile frames since the one
+before at their own rate, and joint states, commands and images where the bag has them. Parquet
+needs pyarrow: pip install 'tactile_ros[export]'.
+
+example:
+  tactile export my_bag --csv out/tables
+  tactile export my_bag another_bag --lerobot out/touches --fps 30 --task 'press the pad'
+  tactile export my_bag --parquet out/parquet --calibration place.npz
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from argparse import ArgumentTypeError
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tactile_ros.cli.console import show, working
+from tactile_ros.errors import plain
+from tactile_ros.evaluation.export import CsvFile, ParquetFile, write_tables
+from tactile_ros.evaluation.fleet import open_calibration
+from tactile_ros.evaluation.lerobot import write_dataset
+
+if TYPE_CHECKING:
+    import argparse
+
+FASTEST = 10_000  # frames a second
+TABLES = ('bag', 'sensor', 'frames', 'contacts', 'forces')
+FEATURES = ('bag', 'feature', 'samples', 'frames', 'window')
+
+
+def rate(text: str) -> int:
+    """Frames a second of a data set."""
+    value = int(text)
+    if not 1 <= value <= FASTEST:
+        raise ArgumentTypeError(f'must be 1 to {FASTEST}; received {text}')
+    return value
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `tactile export`."""
+    parser.add_argument('bags', nargs='+', type=Path, help='bags: folders, .mcap or .db3 files')
+    form = parser.add_mutually_exclusive_group(required=True)
+    form.add_argument('--csv', type=Path, metavar='OUT', help='new folder of csv tables')
+    form.add_argument('--parquet', type=Path, metavar='OUT', help='new folder of parquet tables')
+    form.add_argument('--lerobot', type=Path, metavar='OUT', help='new folder of the data set')
+    parser.add_argument('--fps', type=rate, default=30, help='frames a second of the data set')
+    parser.add_argument('--task', default='touch', help='what the hand does, in words')
+    parser.add_argument(
+        '--calibration', type=Path, action='append', default=[],
+        help='calibration that gives newtons of every taxel',
+    )  # fmt: skip
+    parser.add_argument('--json', action='store_true', help='print the table as JSON')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Write the files, print what they hold, and return 1 where something could not be read."""
+    target = options.csv or options.parquet or options.lerobot
+    names = [path.stem for path in options.bags]
+    if len(set(names)) < len(names):
+        raise ValueError(f'bags must have different names; received {", ".join(names)}')
+    pipelines = [open_calibration(path) for path in options.calibration]
+    begun = time.perf_counter()
+    with working('exporting'):
+        if options.lerobot:
+            done = write_dataset(options.bags, target, options.fps, options.task, pipelines)
+        else:
+            form = CsvFile if options.csv else ParquetFile
+            done = write_tables(options.bags, target, form, pipelines)
+    seconds, size = time.perf_counter() - begun, done.read_bytes / 1e6
+    show(FEATURES if options.lerobot else TABLES, done.rows, as_json=options.json)
+    for sentence in done.notes:
+        print(plain(f'  {sentence}'), file=sys.stderr)
+    for sentence in done.left_out:
+        print(plain(f'  left out: {sentence}'), file=sys.stderr)
+    speed = f'{size:.3g} MB in {seconds:.2g} s, {size / seconds:.0f} MB/s'
+    print(f'folder: {target}, {speed}', file=sys.stderr)
+    return int(bool(done.left_out))
