@@ -55,6 +55,7 @@ def test_an_unknown_option_is_answered_by_its_command(
         'calibrate': ['reskin_board', 'a.npz', '-o', 'c.npz'],
         'calibration': ['show', 'c.npz'], 'new': ['my_pad', '--taxels', '4x4'],
         'enrol': ['mug'], 'record': ['-o', 'bag'], 'bench': ['replay'],
+        'export': ['bag', '--csv', 'out'],
         'replay': ['bag', '--calibration', 'c.npz'], 'compare': ['a.npz', 'b.npz'],
     }  # fmt: skip
     with pytest.raises(SystemExit) as stop:
