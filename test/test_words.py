@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 MOST_WORDS = 20_000
 MOST_MEAN = 18.0
 LONGEST = 40
-# longest sentence of pages that still have a longer one; only shrinks
-LONGER = {'docs/hands.md': 42}
 PAGES = pages()
 
 
@@ -27,11 +25,7 @@ def test_all_pages_have_at_most_so_many_words() -> None:
 def test_sentences_of_a_page_are_short(name: str, page: Page) -> None:
     assert page.mean <= MOST_MEAN
     longest = max(page.sentences, key=lambda sentence: len(sentence.split()))
-    assert max(page.lengths) <= LONGER.get(name, LONGEST), longest
-
-
-def test_longer_sentences_are_listed_while_they_are_there() -> None:
-    assert all(max(PAGES[name].lengths) > LONGEST for name in LONGER)
+    assert max(page.lengths) <= LONGEST, longest
 
 
 def test_a_page_is_counted_without_code_and_its_tables_have_no_sentences(tmp_path: Path) -> None:
