@@ -17,7 +17,7 @@ from rosbags.highlevel import AnyReader
 from benchmarks.harness.rows import BenchResult, Row
 from benchmarks.replay import write_bag
 from reference import enrolled_skin
-from reference.help_examples import examples, typed_on_pages
+from reference.help_examples import ROOT, examples, lines, typed_on_pages
 from tactile_ros.cli import calibrate, compare, view
 from tactile_ros.cli.main import main
 from tactile_ros.evaluation.bag import BagWriter, all_types
@@ -78,6 +78,11 @@ PARSED_ALONE = {
         'asks real buses; test_doctor.py asks a simulated one',
     'tactile replay /data/bags/* --calibration /data/a.npz --scheduler tcp://10.0.0.1:8786':
         'needs a Dask cluster; test/evaluation/test_fleet.py starts one',
+}  # fmt: skip
+FIRST_HOUR = lines(ROOT / 'docs' / 'first_hour.md')
+PARSED_ALONE |= {
+    line: 'typed in its order in test/test_first_hour.py'
+    for line in FIRST_HOUR if line.startswith('tactile') and line not in examples()
 }  # fmt: skip
 LINES = [*dict.fromkeys([*examples(), *typed_on_pages()])]
 WRITTEN = ('-o', '--save', '--report', '--mcap', '--png', '--repair')
