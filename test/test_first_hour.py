@@ -22,6 +22,8 @@ from tactile_ros.evaluation.recording_files import load
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from tactile_ros.types import Twin
 
 PAGE = ROOT / 'docs' / 'first_hour.md'
@@ -46,12 +48,14 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(autouse=True)
-def at_home(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def at_home(home: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Be there, with the sensors that `export` names."""
     monkeypatch.chdir(home)
     monkeypatch.setenv('TACTILE_SENSORS', f'{home}/my_sensors')
     monkeypatch.setattr(sensors, '__path__', [*sensors.__path__, f'{home}/my_sensors'])
     importlib.invalidate_caches()
+    yield
+    sys.modules.pop('tactile_ros.sensors.my_pad', None)  # nobody else has it
 
 
 def board() -> Twin:
