@@ -72,10 +72,9 @@ class FadingMemory:
 
     Examples
     --------
-    >>> memory = FadingMemory(np.array([0.5]))
-    >>> for stamp_ns in (0, 500_000_000, 1_000_000_000):
-    ...     mean = memory.step(np.ones(1), stamp_ns)
-    >>> round(float(mean[0, 0]), 3)
+    >>> stamps = np.array([0, 500_000_000, 1_000_000_000])
+    >>> means = FadingMemory(np.array([0.5]))(np.ones((3, 1)), stamps, np.zeros(3, bool))
+    >>> round(float(means[-1, 0, 0]), 3)
     0.865
     """
 
@@ -84,18 +83,9 @@ class FadingMemory:
         if not (self.time_constants > 0).all():
             msg = f'time_constants of FadingMemory must be positive; received {time_constants}'
             raise ValueError(msg)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the past: what came before counts as rest."""
         self._stamp_ns: int | None = None
         self._last = np.zeros(0)
         self._mean = np.zeros((len(self.time_constants), 0))
-
-    def step(self, change: Array, stamp_ns: int) -> Array:
-        """Means (m, d) after one more frame (d,), 0 at the first; see `__call__`."""
-        means = self(change[None], np.array([stamp_ns]), np.zeros(1, bool))
-        return np.asarray(means[0])
 
     def __call__(self, change: Array, stamp_ns: Integers, restart: Bools) -> Array:
         """Take frames into the memory: means (s, m, d) after each (unit of change).
