@@ -55,7 +55,13 @@ from tactile_ros.types import (
     groups_of,
     join,
 )
-from tactile_ros.types.recording import are_ordered, firm_rows, resting_rows, touched_rows
+from tactile_ros.types.recording import (
+    are_ordered,
+    calm_rows,
+    firm_rows,
+    resting_rows,
+    touched_rows,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -412,7 +418,8 @@ class Pipeline:
         signals = self._whole_rows(joined, usable, bits)
         touched = signals.delta[signals.good & touched_rows(joined)]
         firm = signals.delta[signals.good & firm_rows(joined)]
-        self.rest_ = self.rest_.threshold(touched, firm, dead)
+        calm = signals.delta[signals.good & calm_rows(joined)]
+        self.rest_ = self.rest_.threshold(touched, firm, dead, calm)
         # once more with the threshold of contact: the baseline moves as it will in use
         signals = self._whole_rows(joined, usable, bits)
         self.estimation.fit(signals, joined.truth, groups_of(joined))

@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.conditioning.contact import ContactIds, contact_scale, excursion
+from tactile_ros.conditioning.contact import ContactIds, calm_factor, contact_scale, excursion
 from tactile_ros.conditioning.noise import (
     MOST_APART_NS,
     held_noise,
@@ -373,17 +373,21 @@ class Rest:
         )
 
     def threshold(
-        self, touched: Array, firm: Array | None = None, dead: Bools | None = None
-    ) -> Rest:
+        self, touched: Array, firm: Array | None = None, dead: Bools | None = None,
+        calm: Array | None = None,
+    ) -> Rest:  # fmt: skip
         """Rest with the threshold of contact, from the noise and from labelled touches (s, t, c).
 
         The lightest `touched` raise it; `firm` ones limit it where drift passes for noise: where
-        there is none, all touches do. Taxels that are `dead` (t,) never touch.
+        there is none, all touches do. Taxels that are `dead` (t,) never touch. Deviations of
+        `calm` frames, in which a skin still creeps back, raise it as far as firm touches allow.
         """
         labelled = _whole(touched)
         felt = None if firm is None else _whole(firm)
         felt = labelled if felt is None else felt
         scale = contact_scale(self.noise, labelled, felt if self.drifts else None)
+        if calm is not None and felt is not None:
+            scale = scale * calm_factor(_whole(calm), felt, scale)
         if dead is not None:
             scale[dead] = np.inf
         return replace(self, scale=scale)

@@ -10,6 +10,7 @@ from tactile_ros.types import Array, Bools, Integers
 SIGMAS = 5.0
 LIGHTEST = 0.01
 MOST_MISSED = 0.05
+FALSE_ALARMS = 0.01
 SHARE = 0.4
 
 
@@ -43,6 +44,18 @@ def contact_scale(noise: Array, touched: Array | None, felt: Array | None = None
         most = float(np.quantile(np.abs(felt).max(axis=(1, 2)), MOST_MISSED)) or np.inf
     sigmas = np.where(noise > 0, np.minimum(SIGMAS * noise, most), np.nan)
     return np.asarray(np.fmax(sigmas, level))
+
+
+def calm_factor(calm: Array | None, firm: Array, scale: Array) -> float:
+    """Factor of the threshold (t, c) that leaves calm frames (s, t, c) below it, 1 at least.
+
+    Of calm frames at most one in a hundred stays above, of firm ones one in a hundred falls below.
+    """
+    if calm is None or not len(calm) or np.isnan(scale).all():
+        return 1.0
+    rest = float(np.nanquantile(excursion(calm, scale), 1 - FALSE_ALARMS))
+    most = float(np.nanquantile(excursion(firm, scale), FALSE_ALARMS))
+    return max(1.0, min(rest, most))
 
 
 def excursion(delta: Array, scale: Array) -> Array:

@@ -21,6 +21,7 @@ TRUTH_KEYS = (
 TURN_ERROR = 1e-3  # poses are written with four digits, too
 BLOCKS = 10
 FIRM = 0.02  # of the largest force: above the drift of a load cell
+CALM = 1.5e-3  # of the largest force: less is nothing
 
 
 def _column(
@@ -315,6 +316,16 @@ def firm_rows(recording: Recording) -> Bools:
     size = np.linalg.norm(force, axis=1)
     firm = np.asarray(size > FIRM * size.max(initial=0.0))
     return firm if recording.tare is None else firm & ~recording.tare
+
+
+def calm_rows(recording: Recording) -> Bools:
+    """Rows (s,) of a time course whose true force is what a load cell makes of nothing."""
+    if 'force' not in recording.truth or recording.stamp_ns is None:
+        return np.zeros(len(recording), bool)
+    force = recording.truth['force'].astype(np.float64)
+    size = np.linalg.norm(np.nan_to_num(force), axis=1)
+    calm = np.isfinite(force).any(axis=1) & (size <= CALM * size.max(initial=0.0))
+    return np.asarray(calm if recording.tare is None else calm & ~recording.tare)
 
 
 def groups_of(recording: Recording) -> Columns:

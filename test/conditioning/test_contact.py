@@ -7,7 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactile_ros.conditioning.contact import ContactIds, PatchIds, contact_scale, excursion
+from tactile_ros.conditioning.contact import (
+    ContactIds,
+    PatchIds,
+    calm_factor,
+    contact_scale,
+    excursion,
+)
 
 NOISE = np.array([[0.1, 0.2]])
 
@@ -168,3 +174,13 @@ def test_frame_by_frame_is_all_at_once() -> None:
         row = slice(i, i + 1)
         one = live.number(label[row], count[row], centre[row], tells[row], restart[row])
         np.testing.assert_array_equal(one[0], whole[i])
+
+
+def test_calm_frames_raise_the_threshold_as_far_as_firm_touches_allow() -> None:
+    scale, rows = np.full((1, 2), 0.5), np.linspace(0, 2, 201)[:, None, None] * np.ones((1, 2))
+    assert calm_factor(rows, np.full((9, 1, 2), 50.0), scale) == pytest.approx(2 * 1.98)
+    assert calm_factor(rows, np.full((9, 1, 2), 1.0), scale) == pytest.approx(2.0)
+    assert calm_factor(0.1 * rows, np.full((9, 1, 2), 50.0), scale) == 1.0
+    assert calm_factor(None, rows, scale) == 1.0
+    assert calm_factor(rows[:0], rows, scale) == 1.0
+    assert calm_factor(rows, rows, np.full((1, 2), np.nan)) == 1.0

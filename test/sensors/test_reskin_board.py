@@ -78,7 +78,8 @@ def test_a_later_part_of_a_run_is_covered_honestly() -> None:
     test = shear.select(late)
     states = pipeline.process_batch(test)
     miss = np.abs(states.force[:, 0] - test.truth['force'][:, 0])
-    inside = (miss <= np.sqrt(states.force_cov[:, 0, 0]))[np.isfinite(miss)]
+    touched = np.isfinite(miss) & (states.in_contact == 1)
+    inside = (miss <= np.sqrt(states.force_cov[:, 0, 0]))[touched]
     assert 0.466 < inside.mean() < 0.9  # 95 % binomial interval of the ten cycles' run
 
 
@@ -184,3 +185,13 @@ def test_stamps_are_the_middle_of_the_conversion_of_the_boards_firmware() -> Non
                     board.send(encode(np.random.default_rng(0).normal(0, 1e-4, (5, 3))))
                 stamps.append(device.read(5.0).stamp_ns)
     assert stamps[1] - stamps[0] == 1_050_000
+
+
+@pytest.mark.parametrize('asked', ['normal_1', 'normal_2'])
+def test_a_skin_that_creeps_back_is_not_touched(asked: str) -> None:
+    recording, learned = RECORDINGS[asked], f'normal_{3 - int(asked[-1])}'
+    states = SPEC.pipeline(estimator='ridge').fit(RECORDINGS[learned]).process_batch(recording)
+    force = np.abs(recording.truth['force'][:, 2])
+    said = states.in_contact == 1
+    assert said[force < 0.05].mean() < 0.06  # 5 in 6 of these frames follow a press
+    assert said[force > 0.1].mean() > 0.95

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactile_ros.types import TRUTH_KEYS, Layout, Recording, field_shape, groups_of, join
-from tactile_ros.types.recording import firm_rows, resting_rows, touched_rows
+from tactile_ros.types.recording import calm_rows, firm_rows, resting_rows, touched_rows
 
 TEST_TRUTH_LAYOUT = Layout(np.zeros((2, 3)), ('Bx', 'By', 'Bz'), 'T')
 
@@ -115,6 +115,19 @@ def test_a_firm_force_is_above_that_of_a_load_cell_at_rest() -> None:
     assert not firm_rows(recording(4)).any()
     assert not firm_rows(recording(4, truth={'force': np.zeros((4, 3))})).any()
     assert firm_rows(recording(0, truth={'force': np.zeros((0, 3))})).shape == (0,)
+
+
+def test_a_calm_force_is_what_a_load_cell_makes_of_nothing() -> None:
+    force = [[0, 0, 8.0], [0, 0, 0.01], [np.nan, np.nan, 0.0], [np.nan] * 3]
+    stamps = 10**9 * np.arange(1, 5)
+    calm = recording(4, truth={'force': force}, stamp_ns=stamps)
+    assert calm_rows(calm).tolist() == [False, True, True, False]
+    tared = recording(
+        4, truth={'force': force}, stamp_ns=stamps, tare=[False, False, True, False]
+    )
+    assert calm_rows(tared).tolist() == [False, True, False, False]
+    assert not calm_rows(recording(4, truth={'force': force})).any()  # no time course
+    assert not calm_rows(recording(4, stamp_ns=stamps)).any()
 
 
 def test_a_tare_row_is_not_touched() -> None:
