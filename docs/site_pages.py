@@ -41,6 +41,7 @@ API = {
 LEFT_OUT = re.compile(
     r'\[([^]]+)\]\((CHANGELOG\.rst|QUALITY_DECLARATION\.md|LICENSE|benchmarks/[^)]*)\)'
 )
+LONGEST_DEFAULT = 40  # of a parameter in its table
 FLOORS = re.compile(r'```\n6 .*?```', re.S)
 
 
@@ -116,19 +117,21 @@ def row_of(item: ast.AnnAssign) -> tuple[str, ...]:
 
 
 def sensor_parameters() -> list[str]:
-    """A table for each sensor's config, from the metadata of its fields."""
+    """A table for each sensor's connection and config, from the metadata of their fields."""
     from tactile_ros.sensors import list_sensors, load_sensor
 
     parts = []
     for key in list_sensors():
-        config = load_sensor(key).config()
+        spec = load_sensor(key)
         rows = []
-        for entry in dataclasses.fields(config):
-            about: dict[str, Any] = dict(entry.metadata)
-            value = getattr(config, entry.name)
-            shown = f'`{value}`' if isinstance(value, (bool, int, float, str)) else ''
-            bounds = about.get('choices') or about.get('range') or ''
-            rows.append((f'`{entry.name}`', shown, about.get('unit', ''), bounds, about['help']))
+        for part in (spec.connection(), spec.config()):
+            for entry in dataclasses.fields(part):
+                about: dict[str, Any] = dict(entry.metadata)
+                value = '' if (value := getattr(part, entry.name)) is None else f'`{value}`'
+                shown = value if len(value) < LONGEST_DEFAULT else ''
+                bounds = about.get('choices') or about.get('range') or ''
+                unit = about.get('unit', '')
+                rows.append((f'`{entry.name}`', shown, unit, bounds, about['help']))
         parts += [f'### {key}', table(('name', 'default', 'unit', 'range', 'meaning'), rows)]
     return parts
 
