@@ -111,11 +111,7 @@ class ${name}Config:
 
 def layout(config: ${name}Config) -> Layout:
     """Layout of taxels of one channel."""
-    return Layout(
-        config.positions, ('pressure',), '1', config.rotations,
-        None if config.saturation is None else np.asarray(config.saturation, float),
-        rate_hz=config.rate_hz, sensor='$key',
-    )
+    return Layout.of(config, '$key', ('pressure',), '1')
 
 
 def reading(config: ${name}Config, touches: Touches) -> Array:

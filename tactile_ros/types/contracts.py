@@ -74,22 +74,6 @@ class Signals:
         return replace(part, restart=part.restart | (np.arange(len(part.restart)) == 0))
 
 
-class SensorConfig(Protocol):
-    """Fields that every sensor's config dataclass has (public_face)."""
-
-    @property
-    def positions(self) -> Array:
-        """Taxel positions in the sensor frame, shape (t, 3) (m)."""
-
-    @property
-    def noise(self) -> float | Array | None:
-        """Noise of a channel at rest (unit of values); None: estimate it from rest."""
-
-    @property
-    def track_baseline(self) -> bool:
-        """Follow slow drift of the baseline while at rest."""
-
-
 class Estimation:
     """Features and estimators of one sensor; a sensor overrides the hooks that it needs.
 

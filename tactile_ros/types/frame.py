@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from enum import IntFlag
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -86,6 +87,34 @@ class FrameStatus(IntFlag):
     STALE = 128
 
 
+class SensorConfig(Protocol):
+    """Fields that every sensor's config dataclass has (public_face)."""
+
+    @property
+    def positions(self) -> Array:
+        """Taxel positions in the sensor frame, shape (t, 3) (m)."""
+
+    @property
+    def rotations(self) -> Array | None:
+        """Axes of the chips, shape (t, 3, 3); None: aligned."""
+
+    @property
+    def saturation(self) -> float | Array | None:
+        """Largest reading of a channel (unit of values); None: never clips."""
+
+    @property
+    def rate_hz(self) -> float:
+        """Nominal frame rate (Hz)."""
+
+    @property
+    def noise(self) -> float | Array | None:
+        """Noise of a channel at rest (unit of values); None: estimate it from rest."""
+
+    @property
+    def track_baseline(self) -> bool:
+        """Follow slow drift of the baseline while at rest."""
+
+
 @dataclass(frozen=True)
 class Layout:
     """Places of the taxels of one sensor, and what they measure.
@@ -131,6 +160,16 @@ class Layout:
         limit = np.inf if self.saturation is None else self.saturation
         limits = np.broadcast_to(np.asarray(limit, np.float64), (len(self.channels),))
         object.__setattr__(self, 'saturation', np.array(limits))
+
+    @classmethod
+    def of(cls, config: SensorConfig, sensor: str, channels: tuple[str, ...], unit: str) -> Layout:
+        """Layout of the sensor of a key by the fields that every config has."""
+        limit = config.saturation
+        return cls(
+            config.positions, channels, unit, config.rotations,
+            None if limit is None else np.asarray(limit, np.float64), config.rate_hz,
+            sensor=sensor,
+        )  # fmt: skip
 
     def __repr__(self) -> str:
         channels = ', '.join(self.channels)

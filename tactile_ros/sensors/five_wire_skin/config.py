@@ -71,14 +71,4 @@ class FiveWireSkinConfig:
 
 def layout(config: FiveWireSkinConfig) -> Layout:
     """Layout of a sheet: one taxel of three channels, or four with a third excitation."""
-    limit = config.saturation
-    count = len(config.channels)
-    return Layout(
-        positions=config.positions,
-        channels=config.channels,
-        unit='1',
-        rotations=config.rotations,
-        saturation=None if limit is None else np.broadcast_to(limit, (count,)).astype(np.float64),
-        rate_hz=config.rate_hz,
-        sensor='five_wire_skin',
-    )
+    return Layout.of(config, 'five_wire_skin', config.channels, '1')

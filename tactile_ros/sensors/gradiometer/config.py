@@ -68,12 +68,4 @@ class GradiometerConfig:
 
 def layout(config: GradiometerConfig) -> Layout:
     """Layout of a gradiometer: t pixels of two channels."""
-    return Layout(
-        positions=config.positions,
-        channels=CHANNELS,
-        unit='T',
-        rotations=config.rotations,
-        saturation=None if config.saturation is None else np.asarray(config.saturation, float),
-        rate_hz=config.rate_hz,
-        sensor='gradiometer',
-    )
+    return Layout.of(config, 'gradiometer', CHANNELS, 'T')

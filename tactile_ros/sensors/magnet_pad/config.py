@@ -108,12 +108,4 @@ class MagnetPadConfig:
 
 def layout(config: MagnetPadConfig) -> Layout:
     """Layout of a pad: t chips of three channels."""
-    return Layout(
-        positions=config.positions,
-        channels=CHANNELS,
-        unit='T',
-        rotations=config.rotations,
-        saturation=None if config.saturation is None else np.asarray(config.saturation, float),
-        rate_hz=config.rate_hz,
-        sensor='magnet_pad',
-    )
+    return Layout.of(config, 'magnet_pad', CHANNELS, 'T')

@@ -121,12 +121,4 @@ class MultipoleSkinConfig:
 
 def layout(config: MultipoleSkinConfig) -> Layout:
     """Layout of a skin: t chips of three channels."""
-    return Layout(
-        positions=config.positions,
-        channels=CHANNELS,
-        unit='T',
-        rotations=config.rotations,
-        saturation=None if config.saturation is None else np.asarray(config.saturation, float),
-        rate_hz=config.rate_hz,
-        sensor='multipole_skin',
-    )
+    return Layout.of(config, 'multipole_skin', CHANNELS, 'T')

@@ -61,12 +61,4 @@ class ReskinBoardConfig:
 
 def layout(config: ReskinBoardConfig) -> Layout:
     """Layout of a board."""
-    return Layout(
-        positions=config.positions,
-        channels=('Bx', 'By', 'Bz'),
-        unit='T',
-        rotations=config.rotations,
-        saturation=None if config.saturation is None else np.asarray(config.saturation, float),
-        rate_hz=config.rate_hz,
-        sensor='reskin_board',
-    )
+    return Layout.of(config, 'reskin_board', ('Bx', 'By', 'Bz'), 'T')

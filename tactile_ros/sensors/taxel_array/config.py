@@ -158,12 +158,4 @@ class TaxelArrayConfig:
 
 def layout(config: TaxelArrayConfig) -> Layout:
     """Layout of an array: t taxels of one channel."""
-    return Layout(
-        positions=config.positions,
-        channels=CHANNELS,
-        unit='1',
-        rotations=config.rotations,
-        saturation=None if config.saturation is None else np.asarray(config.saturation, float),
-        rate_hz=config.rate_hz,
-        sensor='taxel_array',
-    )
+    return Layout.of(config, 'taxel_array', CHANNELS, '1')
