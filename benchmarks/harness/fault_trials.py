@@ -30,7 +30,7 @@ START_NS = 10**12
 SIGNAL_S = 15.0
 # resting level, span of the signal and tolerance by unit; the coarsest steps are 2.5 uT and 1/1023
 SIZES = {'T': (0.3e-3, 1.6e-3, 10e-6), '1': (0.2, 0.6, 3e-3)}
-BLOCK = 16
+BLOCK, MOST_NUMBERS = 16, 1024  # frames, and numbers in them, that wait in a port
 DRAIN_S = 0.004
 LONGEST_S = 10.0
 # how long they last (s); such a fault comes again when it is over
@@ -120,7 +120,8 @@ class Road(Closing):
         self.layout = spec.layout(config)
         self.noise = noise
         self.waited_s = 0.0
-        self.block = BLOCK
+        self.usual_block = max(1, min(BLOCK, MOST_NUMBERS // int(np.prod(self.layout.shape))))
+        self.block = self.usual_block
         self.clock = VirtualClock(START_NS)
         self.signal = telling(self.layout, seed)
         self.twin = spec.simulate(
@@ -283,7 +284,7 @@ def suffer(road: Road, fault: str, count: int = 1, settle_s: float = 1.0) -> Tri
         What happened.
     """
     # told by the time of arrival
-    road.block = 1 if fault == 'stall' else BLOCK
+    road.block = 1 if fault == 'stall' else road.usual_block
     frames = road.run(settle_s)
     before, counted = road.twin.injected[fault], road.counters()
     waited = road.waited_s

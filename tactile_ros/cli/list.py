@@ -10,7 +10,7 @@ from __future__ import annotations
 import textwrap
 from typing import TYPE_CHECKING
 
-from tactile_ros.cli.console import show
+from tactile_ros.cli.console import show, working
 from tactile_ros.sensors import list_sensors, load_sensor
 
 if TYPE_CHECKING:
@@ -28,7 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print a paragraph, or an object, for every sensor."""
-    specs = [load_sensor(key) for key in list_sensors()]
+    with working('reading the sensors'):
+        specs = [load_sensor(key) for key in list_sensors()]
     rows = [
         (
             s.key, s.paper, s.summary, '; '.join(s.transports), how_to_connect(s),
