@@ -1,10 +1,14 @@
 """Write bags as csv, parquet, or a data set that robot policies learn from.
 
 `--csv` and `--parquet` write a row for each frame, with a folder for each bag and sensor;
-contacts, and newtons of every taxel where a calibration gives them, lie beside. `--lerobot` writes
-a LeRobotDataset v3.0, each bag an episode: every frame of it has the tactile frames since the one
-before at their own rate, and joint states, commands and images where the bag has them. Parquet
-needs pyarrow: pip install 'tactile_ros[export]'.
+contacts, and newtons of every taxel where a calibration gives them, lie beside (x and y are NaN:
+not estimated). `--lerobot` writes a LeRobotDataset v3.0, each bag an episode. Frame i is at
+t0 + i / fps and holds a window of the newest tactile frames acquired until then, oldest first, at
+their own rate. Each is new in exactly one window: `tactile.<sensor>.new` counts these, the last of
+a window, and `tactile.<sensor>.stamp_ns` has all stamps. Joint states, commands and images are the
+latest until then, where the bag has them.
+
+Parquet needs pyarrow: pip install 'tactile_ros[export]'.
 
 example:
   tactile export my_bag --csv out/tables

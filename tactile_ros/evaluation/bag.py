@@ -572,6 +572,8 @@ class _McapFile:
                 topic = topics.get(number) or self._topic(number)
                 if topic is None:
                     self.lost['has messages whose topic or type is not told'] += 1
+                elif log_ns >> 63:
+                    self.lost['has messages at times that no clock shows'] += 1
                 else:
                     counts[topic[0]] += 1
                     if topic[1] is not None:

@@ -257,7 +257,9 @@ class Episode:
                 bag.note_forces(space, forces[space])
             for what, values in (('', one.values), ('_force', forces[space].of(piece))):
                 if values is not None:
-                    part = Series(one.stamp_ns, values.astype(np.float32), (), one.layout)
+                    with np.errstate(over='ignore'):
+                        single = values.astype(np.float32)
+                    part = Series(one.stamp_ns, single, (), one.layout)
                     parts.setdefault(f'observation.tactile{what}.{name}', []).append(part)
         hand = {feature: bag.joints(feature) for feature in ('observation.state', 'action')}
         bag.finish()

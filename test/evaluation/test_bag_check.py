@@ -135,6 +135,16 @@ def test_check_of_a_type_of_another_version_names_it(made: SimpleNamespace) -> N
     assert 'of another version; left out' in check.damage[0]
 
 
+def test_a_message_later_than_any_clock_is_left_out(made: SimpleNamespace) -> None:
+    with made.open_bag(made.path) as bag:
+        bag.put('/layout', made.make.layout())
+        for log_ns in (START_NS, 1 << 63):
+            bag.put('/frame', made.make.frame(0, np.zeros(15), START_NS), log_ns)
+    check = check_bag(made.path)
+    assert check.sensors[''].frames == 1
+    assert 'at times that no clock shows (1 records left out)' in check.damage[0]
+
+
 def test_check_refuses_what_is_no_bag(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match='holds no bag'):
         check_bag(tmp_path)
