@@ -40,6 +40,7 @@ def test_reference_has_every_interface_and_parameter(made: dict[str, str]) -> No
             assert f'### {path.stem}' in page
     assert '| tare_frames | `10` | (1, 10000) | frames that a tare averages |' in page
     assert '| `pixel_gap`' in page or '| `gap`' in page
+    assert '| `bus_clock` | `400000` |' in page  # of the connection
 
 
 def test_home_links_to_pages_of_the_site(made: dict[str, str]) -> None:
