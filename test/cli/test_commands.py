@@ -432,7 +432,7 @@ def test_benches_as_json_are_alone_on_stdout(
 
 
 def test_nobody_reads_what_is_printed() -> None:
-    code = 'import sys; from tactile_ros.cli.main import main; sys.exit(main(["list"]))'
+    code = 'import sys; from tactile_ros.cli.main import main; sys.exit(main(["list", "--quiet"]))'
     with subprocess.Popen(
         [sys.executable, '-c', code], stdout=subprocess.PIPE, stderr=subprocess.PIPE
     ) as process:
@@ -442,7 +442,7 @@ def test_nobody_reads_what_is_printed() -> None:
 
 
 def test_main_says_in_a_sentence_that_standard_output_is_closed() -> None:
-    code = 'import sys; from tactile_ros.cli.main import main; sys.exit(main(["list"]))'
+    code = 'import sys; from tactile_ros.cli.main import main; sys.exit(main(["list", "--quiet"]))'
     done = subprocess.run(
         ['/bin/sh', '-c', f"{sys.executable} -c '{code}' >&-"], capture_output=True, text=True,
         check=False,
