@@ -244,7 +244,9 @@ def _rows(splits: list[Split], tried: list[Tried], times: tuple[float, float]) -
             method=name,
         )
     ]
-    for other in tried[0].others:
+    for other in COMPARED:
+        if any(other not in one.others for one in tried):
+            continue  # the best of some split
         found, singles, batches = zip(*(one.others[other] for one in tried), strict=True)
         rows.append(
             Row(f'  {other}', unit, float(np.mean(found)), us_single=min(singles),

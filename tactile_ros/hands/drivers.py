@@ -34,7 +34,7 @@ TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic on which a driver takes commands (see `CommandTopic`).
+    """A topic on which a driver takes commands.
 
     Attributes
     ----------
