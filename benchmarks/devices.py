@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Drivers over their twins: faults, hostile bytes, speed, processor time and memory.
 
 Faults and the speed of buses are on a virtual clock; decoding, processor time and memory are this

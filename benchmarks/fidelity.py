@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """fidelity: error against time of every model of every magnetic sensor, and what terms are worth.
 
 Each model is compared with the exact one over the states that its scene may visit; the cheapest

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """five_wire_skin on two worlds of its own: place and force on fresh touches, and their cost.
 
 The worlds share nothing with the package's model: a border of uneven silver whose sheet a sine

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """gradiometer in a world of exact fields: force, noise, leaks, temperature, magnets and cost.
 
 The world (`test/reference/gradiometer_world.py`) has fields of magpylib, gains, crossed axes,

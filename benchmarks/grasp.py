@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Grasp control: slip on the shipped recordings, and the force loop on springs of every stiffness.
 
 Slip is judged on whole sequences that the fit had not seen. The peer is one threshold on the

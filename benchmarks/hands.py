@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Grips of Allegro hands by their shipped files: gains of vendors, objects, and what goes wrong.
 
 The hand, its drives and the objects are those of `test/reference/allegro_world.py`, in MuJoCo on

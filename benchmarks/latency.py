@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Delay of a grip from a sensor's bytes to the hand's command, and what it costs a processor.
 
 A board in a process of its own writes frames into a pseudo-terminal; a hand in another hears the

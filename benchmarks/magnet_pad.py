@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """magnet_pad: [2]'s neighbours beside ours and bounds, in a world that the package does not know.
 
 The world (`test/reference/magnet_pad_world.py`) has exact blocks in a compressible body that

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Figures 2, 4 and 5 of [1] remade: field, change and SNR by the method of magnetisation.
 
 The sheet is folded none, one or three times when it is magnetised (M1 and M2, M3, M4), so that M4

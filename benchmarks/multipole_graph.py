@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """multipole_skin through the graph: processor time, delay and losses of 20 chips at 100 Hz.
 
 The twin sends the bytes of its lesson (heads that press, one of them unknown) from this process,

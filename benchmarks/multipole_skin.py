@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """multipole_skin in a world of its own: shapes and poses from few presses, or from none.
 
 The world (`test/reference/multipole_world.py`) solves body, punch and field otherwise than the

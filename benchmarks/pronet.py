@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The network of [1] beside presses as classes: tables III and V and figure 9 by their splits.
 
 The shipped networks are asked at places that they did not learn from, about heads that they never

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Replay of a bag: speed against real time and against rosbags' own reading, memory, agreement.
 
 The bag is that of a live run: a board of 20 chips at 100 Hz, its frames with temperatures, the

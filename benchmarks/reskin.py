@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """reskin_board on the shipped recordings: place and force on held-out groups, and their cost.
 
 Peers are regressors of scikit-learn on the same rows: k nearest neighbours, ridge on second-order

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The three roads of one recording: processes over DDS, one process, and offline.
 
 The board's bytes come from a player at 100 Hz. Delay runs from the arrival of a frame's bytes to

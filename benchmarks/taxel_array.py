@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Paper [4] and what replaces it, on taxels whose coverage is counted by points.
 
 Gains differ by 55 %, the converter has 10 bits, five of 72 taxels are dead or stuck and nobody

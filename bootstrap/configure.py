@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Set up everything: `make` runs this with the system's own Python before anything else.
 
 The environment .venv first, then the package in install/. Each is stamped when it is finished with

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The virtual environment: real ROS 2 from wheels, every version and hash from a lock file."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Write the lock files: one version of everything, with hashes, for CPython 3.10 to 3.14 on Linux.
 
 Run by `make lock` only, when a requirement changes; it needs uv, which set-up itself does not.

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """What a machine must have before set-up starts; what it lacks is said in one sentence."""
 
 import importlib.util

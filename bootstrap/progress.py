@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Say what set-up is doing: one line per step, a counter while it runs, the rest in a log file."""
 
 import ctypes

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The package itself, built with colcon into install/ and joined to the environment.
 
 Python is taken from the source folder and the generated interfaces from install/, so that an

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Words and sentences of the pages, without code blocks; tables have words, but no sentences."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Pages of the site made from the repository: home, interfaces, parameters, API, design."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A hand that holds: the sensors of its fingers, their contacts, the grip; one argument chooses.
 
 ros2 launch tactile_ros grasp.launch.py hand:=allegro_v4 calibrations:=calibrations/

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Play the frames of a bag into contact_node, on the bag's own clock: to look at, not to measure.
 
 ros2 launch tactile_ros replay.launch.py bag:=touches calibration:=board.npz

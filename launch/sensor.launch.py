@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """One tactile sensor: frames, contacts, wrench, markers; real, from a recording, or simulated.
 
 ros2 launch tactile_ros sensor.launch.py port:=/dev/ttyACM0 calibration:=thumb.npz namespace:=thumb

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Tactile sensors on robot hands: from the bytes of the chip to contacts and grip commands."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Calibrations: trees of fitted objects <-> one .npz of plain arrays with a schema version.
 
 Nothing is ever pickled, and a file is read without trust: before anything is unpacked its

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Presses: found in a stream to learn a class by name, and programmes of them that twins play.
 
 A press begins with contact after rest and ends with release, or when it has been held long

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Failures of the world, as opposed to wrong arguments (those are ValueErrors).
 
 TactileError

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Files of the user: written whole or not at all, and yaml read without trust."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Messages <-> types by attribute: the same code reads objects of rclpy and of rosbags.
 
 Readers take any object with the fields of msg/*.msg; writers fill a fresh message that the caller

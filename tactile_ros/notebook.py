@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Sensors, recordings and calibrations as one types them in a notebook.
 
 `import tactile_ros as tr` offers what stands here. Nothing is computed in another way than by the

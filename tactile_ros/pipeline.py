@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Pipeline of one sensor: condition frames, estimate, assemble states; fit, tare, save and load.
 
 The pipeline is the same for every sensor: faults, baseline, contact, streams and files. What is

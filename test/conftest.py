@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Every test process is alone: its own ROS domain, one thread, no files at home, no deadlines."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Budgets and rules of the source tree, read from its text: `make lines` prints the table.
 
 `test_architecture.py` asserts the rules. What breaks one of them today stands in `allowed.json`,

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Objects <-> arrays named by their path: equal after the way there and back, or refused."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Presses in a stream: where they begin and end, what is kept of them, what a class may cost."""
 
 from __future__ import annotations

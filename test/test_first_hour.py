@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """docs/first_hour.md, typed line by line; a simulated board is at its port."""
 
 from __future__ import annotations

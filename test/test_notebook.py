@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Python as people write it: the page's example, what `load` finds, and bags on their tares."""
 
 from __future__ import annotations

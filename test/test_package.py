@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The package as ROS and pip see it: one version, every interface, found from everywhere."""
 
 from __future__ import annotations
@@ -233,3 +234,10 @@ def test_sourced_workspace_has_the_package_and_the_command() -> None:
     assert 'tactile_ros/__init__.py' in done.stdout
     executables = {'tactile', 'sensor_node', 'contact_node', 'grip_node', 'mock_hand', 'stack'}
     assert executables <= set(done.stdout.split())
+
+
+def test_every_source_states_copyright_and_licence() -> None:
+    line = '# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0\n'
+    folders = ('tactile_ros', 'benchmarks', 'bootstrap', 'docs', 'launch', 'test', 'training')
+    sources = [path for folder in folders for path in (ROOT / folder).rglob('*.py')]
+    assert [path for path in sources if line not in path.read_text()[:200]] == []

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The pipeline with a small estimation of its own: live and batch, baseline, fit, files."""
 
 from __future__ import annotations

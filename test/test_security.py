@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """What docs/security.md promises: no code from data, no shell, names by a pattern, all escaped."""
 
 from __future__ import annotations

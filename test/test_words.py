@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Pages stay short: words in all, and lengths of sentences (`make words` prints them)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Train the networks of [1] (Table I) with the prototype loss, and write them as ONNX.
 
 Pronet learns by eq. (4), Pronet-L by eq. (6). Presses come from a skin of the multipole world; of

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Comparison of quick benches with the golden figures: accuracy, coverage and counts, no times.
 
 compare.py RESULTS            say which figures are worse than the golden ones, exit 1 where any is

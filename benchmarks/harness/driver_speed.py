@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """How fast drivers are: chips on simulated buses, decoding, memory over many frames.
 
 Buses are on a virtual clock; decoding and memory are this machine's.

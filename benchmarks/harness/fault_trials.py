@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A sensor's real driver over its twin, through a fault: what was lost, for how long, what lied.
 
 The signal tells its time, so that every frame can be compared with what was there when it was

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Rows of a sensor's bench in the independent world: one a task, beside bound and limit."""
 
 from __future__ import annotations

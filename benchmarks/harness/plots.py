@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Plots of taxel arrays: objects over the taxels that they press, spread, drift, speed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """What a bench prints and writes: figures beside the paper's, a peer's, the bound and the aim."""
 
 from __future__ import annotations

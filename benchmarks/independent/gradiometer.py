@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Independent gradiometer: 300 points, stray field, clipping, temperature, covariance, noise.
 
 The world has a gap, remanence, gains and places of pixels of its own; the config names the nominal

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Independent half-cylinder pad of three block magnets over two chips.
 
 The config names the nominal geometry only; magnets and chips of the world lie elsewhere. Frames

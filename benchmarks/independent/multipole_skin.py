@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Independent multipole sheet: heads pressed with 2..8 N, windows of ten frames at 20 Hz.
 
 The config holds the values of a data sheet, from which the world's sheet and chips differ.

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Sensors and recordings of the independent world through the public face; refusal of NaN."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Independent taxels: 72 of which five are dead or stuck, 16 with creep, 16 under tubes, a jaw.
 
 Nobody says which taxels are bad. Readings are counts of a converter of 10 bits.

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Vote among the nearest training samples for a cell, as [2] localises touches."""
 
 from __future__ import annotations

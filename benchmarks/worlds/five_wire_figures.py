@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Drawings of `tactile bench five_wire_skin`: maps of place error, curves of force, cost."""
 
 from __future__ import annotations

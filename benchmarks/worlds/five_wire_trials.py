@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Figures of `tactile bench five_wire_skin` in one world: places, forces, coverage, creep, time.
 
 Worlds are those of the tests (`test/reference/five_wire_world.py`, `five_wire_sheet.py`); bounds

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Rows of `tactile bench gradiometer` with what surrounds it: fields, warmth, magnets, clipping.
 
 What a sigma promises is judged here too, with nothing around and beside magnets.

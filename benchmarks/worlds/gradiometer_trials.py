@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """What `tactile bench gradiometer` asks of a pipeline: which presses are valid, how far off."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The scenes of `tactile demo grasp` in MuJoCo, one seed each, with plots and films."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Scenes of MuJoCo for `tactile bench grasp`: a magnet by a balloon, grasps, changing loads."""
 
 from __future__ import annotations

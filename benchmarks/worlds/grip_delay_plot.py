@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Drawing of the delays of a grip: which share of the frames is answered later than a time."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Drawing of the faults of a grasp: the true force after each, and when the safe action began."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Faults during a grasp through the whole graph: what the grip does, and how soon.
 
 Twins of taxel arrays that a fake hand presses, their drivers, contacts and the grip, in processes

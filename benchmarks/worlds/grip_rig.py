@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """What surrounds a grip while its delay is taken: boards that send, a hand that listens.
 
 Each in a process of its own, so that what is measured is the nodes alone. Boards write one frame

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """What the boards of `tactile bench latency` play: a rest, then a press that stays, as bytes."""
 
 from __future__ import annotations

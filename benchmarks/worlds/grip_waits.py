@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """What the threads that read and answer frames wait for: a processor, a lock, or bytes.
 
 The kernel tells in /proc how long a thread ran and how long it was ready without a processor; in

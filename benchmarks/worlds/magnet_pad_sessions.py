@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Sessions of `tactile bench magnet_pad`: presses of the world, what learns from them, bounds.
 
 The world is `test/reference/magnet_pad_world.py`. Its bounds are the posterior over many touches

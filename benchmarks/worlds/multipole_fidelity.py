@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Models of the multipole skin's field, at rest and pressed, and the one that its noise needs."""
 
 from __future__ import annotations

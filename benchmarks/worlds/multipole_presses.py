@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Trials of `tactile bench multipole_skin` in one world: nine heads, five new ones, three bars.
 
 The world is `test/reference/multipole_world.py`; no two presses of a trial have the same noise.

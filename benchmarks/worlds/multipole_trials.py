@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The data collection of [1] and its trials, on a skin of the multipole world.
 
 Heads come down at twenty-five places, many times each; a class is a head, or a posture of a bar.

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Regressors of scikit-learn that `tactile bench reskin` compares with."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Potentials of resistive sheets with an uneven border, solved on a grid or on triangles.
 
 The border is a line of its own conductance, as uneven as silver paste is; the equations are

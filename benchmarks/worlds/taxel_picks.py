@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Pick and place of `tactile bench taxel_array`: washers, angle tubes and a jaw of 2000 taxels.
 
 The grippers are those of [4]; each world has a skin of its own with taxels that are broken, and a

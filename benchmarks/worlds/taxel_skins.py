@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Rows of `tactile bench taxel_array` in a world of fine cells: beside bounds, coverage, creep.
 
 The world (`test/reference/taxel_world.py`) shares nothing with the package's models: pressures on

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Whether the sigmas of [4] are what errors are: on layouts, skins and parts that chose nothing.
 
 Each world has a layout, a law and a seed of its own; parts lie anywhere within reach, at any turn.

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Draw the images of `docs/multipole_skin.md`: python docs/images/draw_multipole_skin.py."""
 
 from __future__ import annotations

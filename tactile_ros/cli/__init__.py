@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The command `tactile`: one file per command; Ctrl-C ends any of them in one line."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Fit a sensor's estimators to recordings with truth; write a calibration file.
 
 Errors are printed for held-out groups (places, press cycles, sessions), never for rows that were

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Show a calibration file: sensor, estimators, errors, how it was set.
 
 Errors are those of held-out groups, as `tactile calibrate` printed them when the file was made.

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Compare calibrations, estimators or live runs on the same frames, with p-values.
 
 Each competitor is a calibration file, a bag (the contacts of its live run), or the name of an

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Tables, progress and refusals on the terminal; recordings by path or name, configs from yaml."""
 
 from __future__ import annotations

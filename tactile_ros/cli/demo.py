@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Run a real recording through the real graph, record, replay and report it.
 
 Three parts of real recordings, never seen by their calibrations, go as a board's own bytes through

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Look at ports, permissions, buses and a sensor, or at a bag, and say what to do.
 
 Nothing is written anywhere. `--probe` asks every I2C bus who answers (NOP and a read of one byte);

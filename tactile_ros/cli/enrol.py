@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Learn a class from a few presses, live or from a recording, or forget one by name.
 
 Live, contact_node collects the presses: press, hold a moment, release, as often as was asked for.

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Write bags as csv, parquet, or a data set that robot policies learn from.
 
 `--csv` and `--parquet` write a row for each frame, with a folder for each bag and sensor;

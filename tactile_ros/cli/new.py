@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Begin a sensor of your own: one file that works at once with a simulated board.
 
 The board prints a line of counts for each frame (--lines), or sends the framed protocol of

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Record what a replay needs of one sensor into a bag, until Ctrl-C.
 
 Frames, layout, baselines, calibration, contacts and truth/contacts of a namespace; what was heard

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Evaluate recordings against their truth, without ROS, and against the live run.
 
 example:

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Gather what benches found into one HTML page: aims held, missed, speed, error.
 
 Reads benchmarks/results/*.json, or the files and folders that are named (results of benches and

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Run the nodes of a sensor, or of a hand with its sensors, until Ctrl-C.
 
 Without --port the only serial port of this machine is taken. Without --calibration the nominal

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Show taxels, contacts, forces and grip live in the browser, or in Foxglove.
 
 The page opens by itself and is served on this machine alone. Without anything named it shows the

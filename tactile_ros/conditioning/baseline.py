@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The no-contact reference: taken from resting frames, followed while at rest, frozen in contact.
 
 A block of frames (a period of stream time) counts as rest when every frame of it stays within the

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Threshold of contact on the deviation from the baseline, and ids of contacts and patches."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Equilibration: the force of every taxel by a law of its own, zero force at zero output.
 
 [4] fits a polynomial of second order to each taxel. With a free constant it reports 0.1..0.2 N at

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Memory of a viscoelastic skin: exponentially fading means of the past change of field.
 
 Stress in a linear viscoelastic body depends on its past strain through decaying exponentials (a

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Faults of taxels and frames, by the readings and by the sensor's status bits."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Direction of loading: turning points of a load, told apart from noise by a dead band.
 
 Neighbouring rows say how fast a load moves, and at what rate it was read. That it turned is known

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Noise of a channel, from frames that are near in time, whatever drift and motion do.
 
 Every function returns standard deviations (t, c) in the unit of values, NaN where too few frames

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Creep of a piezoresistive skin, and its inverse: the force behind a crept reading.
 
 A load that is held makes the output creep up through a few Voigt elements (spring beside dashpot).

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Laws of a grip: pure, with the time step as an argument; no clock, no node, no hand.
 
 `GripForce` closes on an object and holds it at a force, `SlipMargin` raises the force before the

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Parameters of a grip, written once; what a robot changes is in `config/grip.yaml`.
 
 Closure is how far a drive has moved along its closing direction: 0 open, 1 closed. Thresholds,

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Law of one drive, contact of one finger, and witnesses of its force.
 
 A soft position drive is a force sensor of its own: what its command leads its joints by, times the

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Inputs, steps and phases of a grip; ends of a grasp: held, slipped, no object, fault."""
 
 from __future__ import annotations

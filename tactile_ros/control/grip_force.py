@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Grip-force law: close, touch, load, hold, release; safe when an input cannot be trusted.
 
 Plant: a position drive against an object. After a dead time L the force of a pad follows the

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Friction, slip margin and slip of a finger, by Coulomb's cone: it holds while ft <= mu fn.
 
 At a slip ft / fn is mu itself; while nothing slips mu is at least the largest ft / fn that held. A

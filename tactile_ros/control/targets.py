@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Target force of every finger: shared over the sides of an object, raised by slip and load.
 
 Fingers that press from two sides carry the same sum, whatever each is asked for. So the asked

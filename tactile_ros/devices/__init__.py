@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Bytes: transports, codecs and the simulated twins that speak them.
 
 transport -> reskin_protocol, framed_protocol -> serial_board: boards on serial ports;

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Many MLX90393 on I2C buses and behind switches, read as one sensor.
 
 `ChipArray` measures, `ChipSupervisor` isolates chips that fail and sets them up again, and

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Connections of sensors: boards of the framed protocol or of text lines, I2C buses of chips."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Status bits of readings that cannot be trusted: saturated, wrapped, stuck, stale."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Our framed serial protocol: sync, kind, length, sequence, device time, payload, CRC-32.
 
 docs/serial_protocol.md describes the bytes. `encode` writes frames; `FramedDecoder` finds them in

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """MLX90393 magnetometer: commands, registers, timing and scaling of its datasheet; one chip.
 
 `ChipPlace` is the address of a chip, perhaps behind a TCA9548A switch (`Switches`).

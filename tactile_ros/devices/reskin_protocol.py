@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Wire format of the ReSkin / AnySkin board: N x float32 (t, x, y, z), little-endian, then CR LF.
 
 The format has no header, checksum, counter or clock. A frame of N chips is 16 N + 2 bytes; t is in

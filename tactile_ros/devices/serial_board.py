@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Boards on serial ports: bytes to frames, through unplugging, damage and loss.
 
 `SerialBoard` reconnects, numbers the frames and counts those that are lost; `ReskinBoard` is the

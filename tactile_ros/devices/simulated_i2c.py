@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Simulated I2C buses with MLX90393 chips and switches, for the real driver and its messages."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Simulated boards on pseudo-terminals: the bytes of the real ones, with noise and faults."""
 
 from __future__ import annotations

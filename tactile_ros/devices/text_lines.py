@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Text lines of numbers, as a microcontroller prints them: one line a frame.
 
 Commas, semicolons, blanks or tabs stand between the numbers. One more column before them, a label

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """When frames were taken: clocks, stamps by arrival, stamps by a board's own clock."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Serial ports by pyserial and I2C buses by smbus2, opened lazily; a failure is one sentence."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Estimators: fit / predict, one published method per file, and how one of them is chosen.
 
 Every estimator keeps one contract, which `test/estimators/test_conformity.py` checks for all:

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Patches of contact on an array of any layout: touched taxels that are connected.
 
 Touched taxels that are connected through neighbours are one patch; where little pressure joins two

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Covariances of estimates: learned from what drives errors, scaled on held-out groups."""
 
 from __future__ import annotations

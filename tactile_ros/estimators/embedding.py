@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Features of windows by a network in ONNX, as that of [1] (Table I)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Influence of references on a calibration: held-out errors, and the noise that is most probable.
 
 After `model_inversion.calibrate` the residual of a reference over what it drew to itself is what

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Bayesian linear regression whose prior is chosen by evidence (type-II maximum likelihood).
 
 Weights have independent Gaussian priors; their standard deviations, in units of the noise, follow

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Classes of presses from few presses, in a metric that discounts how they were placed.
 
 A class is the mean of its presses at a place, [1] eq. (2). Two presses of one head differ by its

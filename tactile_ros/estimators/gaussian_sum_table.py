@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Posterior of a touch by Gauss-Newton steps from a table of touches.
 
 Around every row of the table the reading is linear in the touch, so that one Gauss-Newton step

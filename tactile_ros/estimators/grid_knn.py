@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Nearest neighbours among the touches of a grid, the localisation of [2].
 
 The targets of the K nearest training samples are averaged with weights of one over the distance

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Model inversion: bundle adjustment with priors for calibration, MAP by Gauss-Newton for frames.
 
 A sensor with physics is a forward model ``readings = h(state, parameters)`` with Gaussian priors

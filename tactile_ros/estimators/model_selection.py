@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Choice of an estimator by cross-validation on held-out groups."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Which object lies on an array, and where: coverage of taxels by outlines, MAP by Gauss-Newton.
 
 The forward model of taxel t is F_t = sum_k a_k * integral over the taxel of field_k, where the

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Force by all second-order products of pixels without their mean [3].
 
 [3], appendix, as corrected: the means over the pixels carry a factor of one over their number and

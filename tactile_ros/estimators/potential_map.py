@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Place on a resistive sheet from its potentials, which are harmonic functions of the place.
 
 The potentials of a homogeneous sheet obey Laplace's equation ([5] Eq. (1)), so that their values

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Force of a touch on a resistive film by a power law whose factors vary smoothly over it [5].
 
 The logarithm of the force over that of an air gap is linear in the logarithm of the film's

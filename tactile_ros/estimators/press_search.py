@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Which head pressed, where, how turned and how deep: templates first, then least squares.
 
 A press is compared with templates of unit length, after what a uniform field could have added is

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Templates of presses of known heads, in place, turn and depth, and descents among them."""
 
 from __future__ import annotations

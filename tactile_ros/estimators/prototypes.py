@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Classes by the mean features of their few presses: prototypes, [1] eq. (2) to (6).
 
 Eq. (3) is printed with +d, which picks the farthest class; -d is meant. As distances are sums of

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The network of radial basis functions of [5]: place and resistance to force.
 
 [5] section 3.1: centres by k-means, one width for all, s = d_max / sqrt(2 h) (Eq. (7)), weights by

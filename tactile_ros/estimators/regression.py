@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Generic regressors: polynomial ridge, kernel ridge, perceptrons; rows and held-out groups.
 
 What is fitted are plain arrays, evaluated by numpy. They are our own where a bench measures that

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Calibration of a magnetised sheet over chips: bundle adjustment of rest and presses with priors.
 
 Parameters are the places, tilts and gains of the chips, the remanence of the sheet (of all, band

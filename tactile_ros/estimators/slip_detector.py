@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Slip as a matched subspace detector: how much of a change lies where pulls have moved the skin.
 
 A pull on an object between the pads is a wrench, and a skin in its linear range answers a wrench

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Bags (rosbag2): written by mcap so that a kill costs a tenth of a second, read piece by piece.
 
 The walk through a file is our own for two reasons. A replay at 500 x real time has 20 us of a

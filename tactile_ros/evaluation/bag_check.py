@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Health of a bag: its topics, frames lost, repeated or out of time, dead taxels; its repair.
 
 The bag is read as a replay reads it, in pieces, so that a check names what a replay leaves out. A

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Serialised messages of one type as columns: every field of many messages at once, by numpy.
 
 Messages whose texts and lists have the same lengths hold each field at the same place. So one

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Paired comparison of estimates of the same frames: difference, interval and p-value.
 
 Errors are paired by frame and added up by group (place, press cycle or session): frames of a group

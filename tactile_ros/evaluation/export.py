@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Bags as plain tables, csv or parquet: a row for each frame.
 
 They lie in a folder for each bag and sensor: `frames`, `contacts` (what was said live) and

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Figures of an evaluation as SVG, light and dark as the reader prefers, and as PNG.
 
 The writer is our own: text stays text, colours are variables of `drawing.css`, and a drawing of

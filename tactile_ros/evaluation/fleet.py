@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Many recordings judged by many pipelines: in turn, in processes, or on a Dask cluster.
 
 A recording is one job. Its result does not depend on where it runs, and results are put in the

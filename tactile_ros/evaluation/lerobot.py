@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Bags as a data set for learning: LeRobotDataset v3.0, written by pyarrow alone.
 
 Its frames have the times t0 + i / fps, from the first tactile frame of a bag on; each bag is an

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Errors against truth, the share of them that stated covariances cover, and errors of classes.
 
 Pure; SI units. The average Euclidean error of cells is that of [2], which weighs a wrong cell by

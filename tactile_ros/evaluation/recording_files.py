@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Recordings out of bags and files: frames, what was said live about them, and what was true.
 
 `.npz` is ours, read without trust; `.csv` is for spreadsheets and other people's loggers. Columns

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Any pipeline over the frames of a recording, compared with what was said live and with truth.
 
 A replay repeats what the live node did: the frames that its contacts name, the baselines that it

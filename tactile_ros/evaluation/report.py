@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Result of an evaluation as a table, as one self-contained HTML file and as pictures.
 
 The page has no script, needs no network, and is light or dark as the reader prefers.

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Reference values (truth) beside the frames: by sequence or stamp, or by the nearest time."""
 
 from __future__ import annotations

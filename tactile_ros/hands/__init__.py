@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Hands: for each driver its topics, types, order of joints and limits; postures; kinematics.
 
 `drivers.py` has one class a driver. `config/hands/<hand>.yaml` describes a hand: its driver,

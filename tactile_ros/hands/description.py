@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A hand as `config/hands/<hand>.yaml` describes it: its driver, its fingers, their sensors."""
 
 from __future__ import annotations

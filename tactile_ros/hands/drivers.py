@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Drivers of hands: topics, message types, orders of joints and limits; one class a driver."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Joints of a hand: closures to guarded commands, force by the drives, watch of joint states."""
 
 from __future__ import annotations

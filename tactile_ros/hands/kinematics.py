@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Kinematics of a hand: its URDF, and closures along a synergy or along a pad's normal."""
 
 from __future__ import annotations

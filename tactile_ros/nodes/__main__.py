@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Run a node by its executable's name, that of this program or its first argument."""
 
 from __future__ import annotations

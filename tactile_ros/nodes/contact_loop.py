@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Contact loop of one stream: frames to contacts, with the rules of a tare, without ROS.
 
 A tare takes the mean of the last `tare_frames` usable frames that were processed, all of them

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """contact_node: frames of one sensor to contacts and standard messages; takes the tare."""
 
 from __future__ import annotations

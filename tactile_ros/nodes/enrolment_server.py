@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Enrolment of classes while a stream runs: the work, its action and service, and their client.
 
 A thread of its own judges presses and writes the calibration, so that no frame waits for it. It

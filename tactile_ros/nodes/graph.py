@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Graphs of processes: one description for the launch files, `tactile demo` and the tests.
 
 Plain data, no rclpy. `processes` starts a graph where there is no `ros2 launch`.

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The action `~/grasp`: one goal at a time, a newer one takes its place."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Control loop of a grip: contacts and joint states to joint commands, without ROS.
 
 Time is an argument everywhere: seconds of a clock that never jumps. The law decides closures, the

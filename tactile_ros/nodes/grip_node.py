@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """grip_node: contacts of the fingers to commands of a hand; serves grasps."""
 
 from __future__ import annotations

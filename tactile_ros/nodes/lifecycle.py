@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Managed nodes: parameters, autostart, one sentence for a failure, diagnostics, a clean exit."""
 
 from __future__ import annotations

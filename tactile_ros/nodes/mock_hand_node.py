@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """mock_hand: a fake of a hand's driver on its own topics, to run everything without the hand.
 
 It takes commands as the driver takes them (type, order, count, rate), reports joint states as the

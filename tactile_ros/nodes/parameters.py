@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """ROS parameters from the fields of dataclasses: one place for defaults, ranges and sentences.
 
 A field's metadata says `help`, `unit`, `range` (lo, hi), `choices`, `read_only` (only when the

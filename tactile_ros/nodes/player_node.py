@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """player: a recording through a board's own bytes into a running graph, with its truth beside it.
 
 Opens a simulated serial port, waits until the driver reads it, then sends row after row. Before

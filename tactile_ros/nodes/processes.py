@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Start the processes of a graph: here with this interpreter, or by the launch files.
 
 `launch` comes with ROS 2 alone, so it is imported where it is used.

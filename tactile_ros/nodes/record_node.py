@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """record: everything that a replay needs, as it was heard, into a bag that survives a kill."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """sensor_node: read one tactile sensor, real or simulated, and publish its frames.
 
 A thread reads the device. With a queue a second thread hands on, so that a slow listener never

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """stack: sensor_node and contact_node in one process, with direct calls; of a hand grip_node too.
 
 One loop reads, estimates, decides and publishes; the executor's thread serves services, parameters

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Messages of a frame, a state and a truth for other tools: wrench, pose, markers, views.
 
 Each is filled only where somebody listens.

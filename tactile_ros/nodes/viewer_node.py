@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Node of a viewer: layouts, frames with their contacts, and grip states of namespaces."""
 
 from __future__ import annotations

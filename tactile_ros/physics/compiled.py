@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Loops over rows, compiled by numba; without numba the same source runs, slowly.
 
 Machine code is kept on disk where that is possible. It rounds as written: no fused or reordered

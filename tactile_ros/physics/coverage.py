@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Coverage of taxels by objects: outlines, pressure under parts, and output of a covered taxel.
 
 A table holds the part of a small disc at a point that an object covers, and its slope; one look-up

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Crosstalk between rows and columns of a passive matrix of taxels, and its inverse.
 
 Every crossing is a resistor and nothing else, so current finds its way over other crossings. What

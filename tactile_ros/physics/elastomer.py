@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Soft bodies under loads on their surface: half-spaces, and a layer bonded to a rigid base.
 
 Half-space: a load on the free surface of an incompressible body moves a point at r by

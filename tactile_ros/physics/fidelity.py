@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Fidelity that a scene needs: the cheapest model, and the terms that pay.
 
 Models are measured, not believed: each is compared with the exact one over the region of states

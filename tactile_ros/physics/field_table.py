@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Field of a disc from a table over its half plane: a thousandth of the exact field's price.
 
 Near the disc a dipole errs by milliteslas; a table of the exact field with cubic interpolation

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Magnetised sheet on a soft layer: its field at rest, and how the field changes when dented.
 
 A sheet is magnetised as in [1]: M1 along z; M2 along y; M3 and M4 along y in bands of changing

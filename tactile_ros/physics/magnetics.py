@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Fields of dipoles, and of block and disc magnets in closed form, on a rigid or a soft body.
 
 Dipoles: Jackson, Classical Electrodynamics, 3rd ed., Eq. (5.56); [2] Eq. (1) with its denominator

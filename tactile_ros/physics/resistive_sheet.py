@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Resistances of a weakly conducting sheet with a well conducting border, flat or unrolled.
 
 [5] Eq. (1): the potential of the sheet obeys Laplace's equation. Its missing equations are R = Rx

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Hall sensitivity, remanence and lag: effects of temperature.
 
 Coefficients are typical: neodymium magnets lose 0.12 % of their remanence a degree (data sheets of

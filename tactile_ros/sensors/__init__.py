@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Sensors: one folder each, found by its name.
 
 A folder beside this file, or in a folder that the environment variable TACTILE_SENSORS names

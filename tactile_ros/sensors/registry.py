@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The one registry: a folder that has a SENSOR is a sensor named like it.
 
 It lies beside this file, or in a folder that TACTILE_SENSORS names.

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Estimation by generic regressors, for sensors without a model of their own.
 
 A place, a turn and classes are regressed from the change of the readings since the tare; forces

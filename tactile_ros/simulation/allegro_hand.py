@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A hand of 16 joints with the published dimensions of the Allegro Hand, pads on three tips.
 
 Places of joints (m) are those of the hand's description by its maker: fingers of 54, 38.4 and 26.7

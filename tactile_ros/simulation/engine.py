@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """MuJoCo, imported where a scene runs: the frame of a model of a scene, and films of it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A hand in MuJoCo with its sensors' bytes and its driver's messages in one loop.
 
 Physics, sensors and the controller each have a rate of their own on one virtual clock. What the

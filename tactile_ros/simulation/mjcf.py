@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Models in MJCF: what a hand says of itself, its pads and drives, and things to grasp."""
 
 from __future__ import annotations

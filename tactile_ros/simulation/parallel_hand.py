@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Two fingers that close towards each other, each on its own drive: the simplest hand.
 
 Behind a JointTrajectoryController, as `config/hands/joint_trajectory.yaml` describes one. Drives

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Scenes of grasps: a magnet by a balloon, things in many poses, loads that grow or slip.
 
 Balloon, as in figure 10 of [3]: a soft hand holds it at a force that one gradiometer tells, while

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Fingertip skins of scenes: gradiometers and magnet pads, and presses that calibrate them.
 
 Signals are those of the sensors' own twins: the disc on springs, the pad's nominal body, with the

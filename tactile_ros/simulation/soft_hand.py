@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A soft hand of one synergy, as a qb SoftHand is driven: one motor pulls all digits by tendons.
 
 Two fingers close against a thumb. Each digit has two elastic joints and an elastic tendon, so

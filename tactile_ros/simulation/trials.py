@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Trials of grasps: hands, calibrated fingertips and scenes put together, each with a seed.
 
 The controller comes as an argument, `nodes.grip_loop.GripLoop`: that of grip_node without ROS.

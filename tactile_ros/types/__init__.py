@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The vocabulary of the house: frames, layouts, outlines, contacts, recordings and contracts.
 
 Letters of shapes: s sample, t taxel, c channel, k contact, 3 for space. SI units; NaN and -1 mean

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Fields of configs and connections: written once with unit and range, checked once at the door.
 
 Each function makes one dataclass field whose metadata says help, unit, range, shape and choices;

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """States of contact: one patch, one frame, many frames."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Contracts of devices, twins and estimators, and records that pass between them."""
 
 from __future__ import annotations

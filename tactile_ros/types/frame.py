@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Layouts of taxels, one reading of them, and flat objects that touch them."""
 
 from __future__ import annotations

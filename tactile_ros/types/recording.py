@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Frames of one sensor with their truth; joining, and what an honest split keeps together."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Live page in the browser: taxels, contacts, forces and faults of one or more sensors.
 
 A server of the standard library on this machine alone; the page takes server-sent events. It shows

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Frames, states and grip to Foxglove: a live server, a file, or both.
 
 Foxglove and its free sibling Lichtblick connect to the server; nothing is drawn here.

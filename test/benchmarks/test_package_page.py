@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The whole package on one page: aims, escaped labels, drawings, a real browser."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Benches take as many seeds as fit, the first in any case."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The command line as a user meets it: figures out, sentences for what is wrong."""
 
 from __future__ import annotations

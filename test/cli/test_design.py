@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """`tactile design`: a sensor's own module is found, asked and printed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The doctor on twins, on nothing, and on a machine made of files."""
 
 from __future__ import annotations

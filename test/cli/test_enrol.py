@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """tactile enrol: from a recording, by name and back, and from a running node."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """`tactile demo grasp` where something is missing; what it shows is tested in test/simulation."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Every command of --help and of the pages runs on small real input, or says why it is not."""
 
 from __future__ import annotations

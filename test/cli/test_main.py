@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Entry of the command line: guesses, silence on request, settings of a working folder."""
 
 from __future__ import annotations

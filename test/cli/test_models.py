@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Models and terms are named where a user looks: by `calibrate`, and in the report of a replay."""
 
 from __future__ import annotations

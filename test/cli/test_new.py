@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A new sensor works at once: it conforms, it is read, and nothing was written over."""
 
 from __future__ import annotations

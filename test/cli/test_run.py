@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """tactile run: which processes it starts, which port it takes, how it ends."""
 
 from __future__ import annotations

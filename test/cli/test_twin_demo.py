@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The demo of a simulated sensor, cut short: calibration, graph, bag, replay, table and report."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """tactile view of a recording: what a calibration says of it, and of which frames it cannot."""
 
 from __future__ import annotations

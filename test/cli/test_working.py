@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Work that takes long says so, and what is quick says nothing."""
 
 from __future__ import annotations

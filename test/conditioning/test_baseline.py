@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The no-contact reference against plain loops: runs, means, tracking live and in batch."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Contact: the threshold, the excursion, ids of touches and of patches."""
 
 from __future__ import annotations

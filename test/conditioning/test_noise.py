@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Noise from resting frames and from moving ones, with drift, lost taxels and few rows."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Gains and limits: one sentence for what cannot be."""
 
 from __future__ import annotations

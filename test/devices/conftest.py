@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A simulated port with its driver, and a watch over what they leave behind."""
 
 from __future__ import annotations

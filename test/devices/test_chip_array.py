@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The driver of many chips: its bytes on the bus, its speed, and what it does about faults."""
 
 from __future__ import annotations

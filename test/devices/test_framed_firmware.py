@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The reference sender, compiled by the host's compiler, against the codec."""
 
 from __future__ import annotations

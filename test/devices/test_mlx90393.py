@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The chip's datasheet: conversion times, registers, steps, codes and what it cannot do."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Lines of numbers: what is read as one, what is not, and that nothing hostile hangs."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Ports on real pseudo-terminals, buses on real messages: every failure is one sentence."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The shipped networks of [1]: hard case 14, and what they know."""
 
 from __future__ import annotations

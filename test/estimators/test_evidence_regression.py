@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Bayesian linear regression by evidence, against direct formulas and refits."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Objects in a world of fine cells: tubes at any angle, the jaw, washers, none of these."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Templates of presses between their nodes."""
 
 from __future__ import annotations

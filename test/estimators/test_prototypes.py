@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Prototypes of [1] and their loss: hard case 14."""
 
 from __future__ import annotations

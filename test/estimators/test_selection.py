@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The choice among estimators looks at held-out groups only."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Bags as a live run writes them, from messages of rosbags."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Checks of bags, and repair of those that were cut at any byte.
 
 `TACTILE_BAG_CUTS=10000` tries so many cuts, which takes minutes.

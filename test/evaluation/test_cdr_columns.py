@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Columns of serialised messages beside what rosbags reads from them one by one."""
 
 from __future__ import annotations

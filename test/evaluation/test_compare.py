@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Paired comparisons with known answers: equal, constructed, unequal, unlucky."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Tables of bags: csv always, parquet where pyarrow is installed."""
 
 from __future__ import annotations

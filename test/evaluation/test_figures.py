@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Drawings as files of their own, and colours that can be read in the light and in the dark."""
 
 from __future__ import annotations

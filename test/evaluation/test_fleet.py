@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Many recordings: in one process, in several and on a cluster with the same numbers."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Data sets for learning, against the description of their format."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Errors, coverage and classes against plain sums."""
 
 from __future__ import annotations

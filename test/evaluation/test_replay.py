@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A replay repeats a live run: its baselines, tares, failures and classes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Truth of a load cell on a clock of its own finds its frames."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Hands from yaml: the shipped ones, and what a file must not say."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The fake hand moves as late, as slowly and as far as it is told to."""
 
 from __future__ import annotations

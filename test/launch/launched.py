@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A launch test of the launch files: what they start says something, and ends when asked.
 
 launch_test test/launch/launched.py

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The launch files, on stand-ins where launch is not installed; their parameter files."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """When a tare is taken, from which frames, and which baseline is announced."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """contact_node over real DDS: contacts as offline, tare, wrench, markers, refusals."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Classes from presses over real DDS: learned, recognised, kept, refused, forgotten."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """One description of what runs: command lines, listeners, order."""
 
 from __future__ import annotations

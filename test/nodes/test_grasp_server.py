@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """What a client hears of its grasp: at once, then as often as it can use, and the end once."""
 
 from __future__ import annotations

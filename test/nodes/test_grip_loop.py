@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Ages of messages: by their stamps where clocks agree, by their arrival otherwise."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """grip_node over real DDS with a fake hand: grasps, faults, and silence while it is not active."""
 
 from __future__ import annotations

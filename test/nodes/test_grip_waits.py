@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """What the bench of delays says of threads: of a lock, of bytes, of a processor."""
 
 from __future__ import annotations

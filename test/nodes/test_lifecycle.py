@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """What all nodes share: callbacks and diagnostics that fail end nothing."""
 
 from __future__ import annotations

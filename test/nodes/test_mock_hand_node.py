@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Twins that a fake hand presses: readings over force, ports that come and go."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Rows are recognised by order and content, also when some are lost or look alike."""
 
 from __future__ import annotations

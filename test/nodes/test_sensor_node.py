@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """sensor_node over real DDS: lifecycle, layout, frames, unplugging, diagnostics, parameters."""
 
 from __future__ import annotations

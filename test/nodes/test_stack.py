@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """One process: the collector is frozen once warm; contacts come without a frame on the wire.
 
 With a hand the grip is part of it, and decides the same numbers as over DDS and without ROS.

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """MagneticField per chip and Image of a matrix: only for those who listen or ask."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """What a viewer hears of running nodes: frames with their own contacts, and the grip."""
 
 from __future__ import annotations

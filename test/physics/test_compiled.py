@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Compiled loops: the same bits alone and among others, the same numbers as arrays."""
 
 from __future__ import annotations

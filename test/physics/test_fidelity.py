@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The cheapest model that a scene needs, and what is measured of all of them."""
 
 from __future__ import annotations

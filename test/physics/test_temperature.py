@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """What temperature changes: typical values, limits, and what lags behind."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """An Allegro Hand of MuJoCo that `grip_node`'s loop moves: vendors' gains, clips and dead time.
 
 The links are those of `tactile_ros.simulation`; drives, round tips, weight of the links, objects

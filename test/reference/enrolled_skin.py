@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A multipole skin that knows five heads by a few presses of the twin, and a new head to learn."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A second five-wire skin: finite differences, silver pads in the corners, an uneven sheet.
 
 The film is rough over a stated length, an air gap of its own takes force off everywhere, and the

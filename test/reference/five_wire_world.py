@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A five-wire skin of its own: an uneven border as a line, a sine series inside, a rough film.
 
 The border conducts so well that it alone sets the potential of the edges of the sheet; inside,

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A gradiometer that the package knows nothing of: fields of magpylib, an elastomer that warms.
 
 Press for press: disc with tilt, crossed axes, offsets, stiffness that grows with depth and falls

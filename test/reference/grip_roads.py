@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The roads from a sensor's frames to a hand's commands: one process, messages, and no ROS at all.
 
 Frames of a real press and postures of a closing gripper are played row by row, each once the last

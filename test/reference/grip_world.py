@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A hand that grips an object, plainly: drives with dead time and lag, fingers as springs.
 
 Fingers are springs against a rigid object that may slide between two of them. The slow counterpart

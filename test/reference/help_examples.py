@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Commands of every --help and of the pages, as a reader would type them."""
 
 from __future__ import annotations

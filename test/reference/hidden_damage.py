@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Share of damaged frames that ReSkin's format, without a checksum, cannot show."""
 
 from __future__ import annotations

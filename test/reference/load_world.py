@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """An object that hangs between two fingers by friction: it grows heavier, or slippery.
 
 One drive closes both fingers alike. Friction is Coulomb's behind a tangential spring (the skin):

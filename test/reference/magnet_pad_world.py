@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A magnet pad of its own: exact blocks of magpylib in a body that is compressible and stiffens.
 
 The load is spread as under a Hertz contact on a tangent half-space of any Poisson ratio

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A world of the multipole skin of [1], written apart from the package's own physics.
 
 The bonded body is solved wave by wave with finite elements over its height, the punch by a dense

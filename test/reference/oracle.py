@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Seeded recordings of every sensor and the states that its pipeline gave for them.
 
 `pytest test/test_oracle.py --write-oracle` writes them anew, after a change of numbers on purpose.

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Pick and place as in [4]: parts drawn at random, gripped, recognised by touch, sorted.
 
 A part lies under the gripper at a place and turn that nobody knows. The gripper takes its tare,

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A taxel array of its own: pressures on fine cells, no polynomial law, a skin that creeps.
 
 Coverage is counted in cells of 0.1 mm, each in the taxel that its polar or square place names. The

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Hard cases of fields: what a plain way does, and what is right.
 
 Cases of fields, of the gradiometer and of the magnet pad that are elsewhere in test/:

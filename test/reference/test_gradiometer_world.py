@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The gradiometer in a world of its own: exact fields of magpylib, gains, offsets, temperature."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Parts gripped at random in a world of points: grippers, recognition, the bound for tubes."""
 
 from __future__ import annotations

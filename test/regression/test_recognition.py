@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Votes for cells and labels, and turns without a seam."""
 
 from __future__ import annotations

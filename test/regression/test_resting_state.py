@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """State of a skin from its resting reading, and the variance of gains that a reading leaves."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """What recorded touches leave open, said of any skin."""
 
 from __future__ import annotations

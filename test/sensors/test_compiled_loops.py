@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """No frame waits for the compiler: fits and loads build what frames need."""
 
 from __future__ import annotations

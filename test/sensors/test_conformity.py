@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """What every sensor's pipeline must do, on toy data: a new sensor needs no new test."""
 
 from __future__ import annotations

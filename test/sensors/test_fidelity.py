@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Models that sensors choose by their config and noise, and what a wrong one would do."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Past of a film: fading means by place, and forces without what has crept."""
 
 from __future__ import annotations

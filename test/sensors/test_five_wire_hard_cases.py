@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Hard cases of the five-wire skin: splits, clocks and gaps, the past of a film, bad input.
 
 Numbers are those of the list of hard cases that this package was built against.

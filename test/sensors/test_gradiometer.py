@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The gradiometer in worlds of warm elastomers and magnets: what [3] is to bear, case by case."""
 
 from __future__ import annotations

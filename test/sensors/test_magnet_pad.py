@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The magnet pad on a body, magnets and chips that the package does not know."""
 
 from __future__ import annotations

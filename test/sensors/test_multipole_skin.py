@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Paper [1]: shapes, poses and classes on a world of its own, and its hard cases."""
 
 from __future__ import annotations

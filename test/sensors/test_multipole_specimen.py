@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Specimens of the multipole skin: their physics, their flaws, and what they are asked for."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The network of [1] as a road of a fit, beside templates and neighbours."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Groups by which roads of the multipole skin are compared, and skins known by rest alone."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Shipped recordings: whole counts, a tare row before every touch, truth, and known facts."""
 
 from __future__ import annotations

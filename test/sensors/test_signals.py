@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The simple signals of the twins: plausible sizes and signs, truth that belongs to them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Slip of a real board through the public face: sequences held out, live as in a batch."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The taxels' own polynomials: forces, zero at rest, taxels that were never pressed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Hard cases of what an array says: symmetry, flips, 0/0 of the shape factor, ghosts, bad input.
 
 Numbers are those of the list of hard cases that this package was built against.

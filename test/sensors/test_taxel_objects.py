@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Objects on taxels, in a world of points counted inside circles and polygons."""
 
 from __future__ import annotations

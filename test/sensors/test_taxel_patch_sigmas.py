@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Sigmas of several contacts' places and forces, on skins and layouts that chose no constant."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Several contacts on one array, through the whole pipeline and the message."""
 
 from __future__ import annotations

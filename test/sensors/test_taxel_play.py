@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Play of a skin, learned and stated alike at any rate of frames."""
 
 from __future__ import annotations

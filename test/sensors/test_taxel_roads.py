@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Frames of an array by compiled loops and by arrays: the same numbers on every road."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Skins of a world of cells: laws, creep over holds, gaps and faults, saturated taxels."""
 
 from __future__ import annotations

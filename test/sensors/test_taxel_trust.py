@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Sigmas of places, turns and forces on layouts, skins and parts that chose no constant."""
 
 from __future__ import annotations

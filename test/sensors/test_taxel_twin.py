@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The twin's parts, placed and turned: learned from some, recognised in others."""
 
 from __future__ import annotations

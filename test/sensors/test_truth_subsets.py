@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Every subset of truth keys, absent or without a value, ends in a fit or in one sentence."""
 
 from __future__ import annotations

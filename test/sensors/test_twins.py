@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Real drivers over twins: what a signal says comes out within quantisation and noise."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Hands in MuJoCo with their pads' bytes and their drivers' messages in the loop; no screen."""
 
 from __future__ import annotations

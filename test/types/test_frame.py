@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Layouts, frames and outlines check what they are given, once, at the door."""
 
 from __future__ import annotations

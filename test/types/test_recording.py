@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Recordings: shapes, kinds, streams and order are checked once; rows can be taken out."""
 
 from __future__ import annotations

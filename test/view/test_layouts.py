@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Layouts of viewers beside what is published, and settings of their panels and displays."""
 
 from __future__ import annotations

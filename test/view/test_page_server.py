@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Live page: what its server says, whom it refuses, and what a browser draws."""
 
 from __future__ import annotations

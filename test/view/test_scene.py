@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """What is shown of a state: places, colours and lengths, without a viewer."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """What a viewer gets: a file of Foxglove's own, read back; a server on this machine alone."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A large skin with five wires that tells place and force of one touch: paper [5].
 
 A weakly conducting sheet with a well conducting border lies over Velostat and a foil. Exciting

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Geometry and materials of the five-wire skin, as [5] built it, and its layout.
 
 [5]: a sheet of 100 x 100 mm, ITO-PET of 100 ohm per square (its "ohm/cm2") with a silver border

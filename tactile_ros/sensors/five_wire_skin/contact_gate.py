@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Contact by the divider at a stated false-alarm rate, and readings less the drift of their rest.
 
 Contact shows in the divider alone: the foil of an untouched skin may float, and its potentials

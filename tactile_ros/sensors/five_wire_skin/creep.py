@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Creep of the film: the share of a reading that past loads have left where the skin is touched.
 
 The logarithm of the force is the static curve's plus shares of fading means of the past force, in

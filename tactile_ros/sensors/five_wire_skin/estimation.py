@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Place and force of the five-wire skin from its readings."""
 
 from __future__ import annotations

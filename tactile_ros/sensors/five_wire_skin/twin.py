@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The five-wire skin behind a microcontroller on a serial port, real or simulated.
 
 It is no model of [5] to estimate with: the border conducts perfectly, so that potentials are

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A disc magnet over four two-axis pixels that feels force in any stray field: paper [3].
 
 A disc in an elastomer moves with the force on it; four pixels within 2 mm see Bx and Bz of it. A

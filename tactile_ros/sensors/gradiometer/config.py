@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Geometry and materials of the gradiometer, as [3] built it, and its layout.
 
 [3], table I and text: a disc of 2 mm diameter and 1 mm height, remanence 1.4 T, an air gap of 2.5

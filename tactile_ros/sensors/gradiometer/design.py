@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Trade gap, magnet and averaging for range, noise and immunity to stray fields: [3], table I.
 
 The disc moves linearly with force: full scale sinks it by 0.6 of the gap, the elastomer's other

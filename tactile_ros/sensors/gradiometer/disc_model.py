@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Forward model of a disc magnet over pixels, and polynomials of its place: states and parameters.
 
 A disc in an elastomer moves and leans with the force on it. Pixels read its field, of a table, and

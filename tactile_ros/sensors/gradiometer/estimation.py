@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Force, torque and stray field of the gradiometer by inversion of its disc's model.
 
 `fit` estimates pixels, gains, magnet, elastomer and the places of the disc together from presses

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Temperatures of chip and magnet along a stream, and what they are wrong by.
 
 The magnet follows the chip with a first-order lag, on the line between temperatures that were

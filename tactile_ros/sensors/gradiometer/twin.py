@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The gradiometer behind a microcontroller on a serial port, real or simulated.
 
 It is no model of [3] to estimate with: the disc's tilt, the elastomer's coupling and temperature

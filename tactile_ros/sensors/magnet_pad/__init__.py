@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Magnets in a soft half cylinder over two 3-axis chips that locate a touch: paper [2].
 
 Three neodymium blocks lie in a body of soft polyurethane, two MLX90393 under it. A press moves the

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Field of the pad under touches: body, magnets and chips of a config, specimens, fitted response.
 
 A touch is a row of five: place along the axis (m), angle around it from y (rad), logarithm of the

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Geometry and materials of the magnet pad, as [2] built it, and its layout.
 
 [2]: half a cylinder of Vytaflex 20 (Shore 20 A) on a base of 40 x 20 mm, three neodymium blocks of

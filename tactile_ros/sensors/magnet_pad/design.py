@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Conditions 1 and 2 of [2], the least force in every cell, remedies, and the fewest parts.
 
 The mechanics are the nominal ones, half held by the base; cells are those of the config. The

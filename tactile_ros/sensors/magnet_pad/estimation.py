@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Cell, place and force of a touch: inversion of the pad's response, regressors, neighbours.
 
 Where truth has places and forces, the pad is fitted to the recording (`inversion`), unless the

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Table of touches of a pad, fitted to a recording or the config's, that answers readings.
 
 Touches are drawn like recorded ones, or over all the pad; a reading takes Gauss-Newton steps from

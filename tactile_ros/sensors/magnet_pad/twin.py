@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The magnet pad on an I2C bus or on a serial port, real or simulated.
 
 A tip of a third of the radius presses a body that its base holds half (`nominal`), which carries

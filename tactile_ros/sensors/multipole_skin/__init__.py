@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A magnetised sheet over twenty 3-axis chips that tells what shape touches it: paper [1].
 
 A sheet of silicone with magnetic particles, magnetised in bands of alternating poles, lies bonded

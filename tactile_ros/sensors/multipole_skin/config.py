@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Geometry and materials of the multipole skin, as [1] built it, and its layout.
 
 [1] says: a magnetised sheet of 75 x 75 x 2 mm on 2 mm of the same silicone (Ecoflex 00-30), a

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Windows in, contacts out: force of every frame; label, place and turn once a window.
 
 Regressors and votes of frames, as every sensor has them, stay candidates beside what recognises

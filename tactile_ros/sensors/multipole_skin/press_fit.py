@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Learn a recogniser from resting readings and labelled presses, and choose its road."""
 
 from __future__ import annotations

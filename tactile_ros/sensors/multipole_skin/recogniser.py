@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Label, place and turn from the pattern of one press: templates, known presses, or both.
 
 Templates come from the model of the skin, so that described heads are recognised at places and

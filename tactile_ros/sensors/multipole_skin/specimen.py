@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """One multipole skin as it was made, and what heads of any outline do to it.
 
 No skin is as its drawing: chips lie and point aside and differ in gain, the sheet is uneven and

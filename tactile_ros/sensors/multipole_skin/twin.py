@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Twin of the multipole skin: its connection, and scenes of heads that press one specimen."""
 
 from __future__ import annotations

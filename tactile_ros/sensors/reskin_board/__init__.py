@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Real boards with magnetometers under a magnetic skin: ReSkin, AnySkin, eFlesh.
 
 N chips (MLX90393) measure the field of a skin with magnetic particles or magnets; pressing the

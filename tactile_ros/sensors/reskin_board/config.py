@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Geometry, ranges and connection of the ReSkin / AnySkin board: its defaults live here."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The board on its serial port, real or simulated: dipoles over the chips that presses move."""
 
 from __future__ import annotations

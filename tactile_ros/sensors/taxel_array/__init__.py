@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Piezoresistive taxels, few or thousands, on grippers: paper [4].
 
 Rows and columns of conductive thread cross over piezoresistive textile; the converter reads every

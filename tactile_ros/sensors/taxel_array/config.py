@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Geometry and ranges of a piezoresistive array, as [4] built it, and its layout.
 
 [4]: 16 radial taxels on a suction cup, 72 on a magnet gripper (5 mm), about 2000 at 1 mm on a jaw;

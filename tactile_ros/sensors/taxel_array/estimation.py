@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Forces by equilibration [4], their sum and centre, objects of the config, learned targets."""
 
 from __future__ import annotations

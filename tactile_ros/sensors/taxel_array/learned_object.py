@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Objects of which no outline is stated: pressure fields learned from frames with known poses.
 
 The forces of a frame are linear in the fields: y_t = sum_k a_k A_t(pose) T_k. Fields T_k, which

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Objects and patches of contact in the columns of a state, from the forces of the taxels."""
 
 from __future__ import annotations

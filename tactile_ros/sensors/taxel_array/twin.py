@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A taxel array behind a microcontroller on a serial port, real or simulated.
 
 It is no model of [4] to estimate with: drift, hysteresis and the area law are left out. The taxels

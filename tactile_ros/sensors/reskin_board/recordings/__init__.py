@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Recordings of a real board (eFlesh, MIT licence beside this file), held as integer counts."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Turn the published csv files of eFlesh into the integer counts that this folder carries.
 
     python -m tactile_ros.sensors.reskin_board.recordings.convert FOLDER [DESTINATION]
