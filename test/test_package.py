@@ -77,7 +77,7 @@ STARTED = {
 }
 TOOLS = {
     'mkdocs_material', 'mkdocstrings_python', 'mypy', 'pytest_xdist', 'ruff', 'types_pyserial',
-    'types_pyyaml',
+    'types_pyyaml', 'xacro',
 }  # fmt: skip
 
 
