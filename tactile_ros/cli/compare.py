@@ -14,6 +14,7 @@ example:
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
 from functools import partial
@@ -21,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactile_ros.cli.console import add_overwrite, find, refuse_unwritable, show, working
+from tactile_ros.errors import plain
 from tactile_ros.evaluation.compare import (
     COLUMNS,
     NOTES,
@@ -66,6 +68,8 @@ def run(options: argparse.Namespace) -> int:
     names, output = options.competitors, options.output
     if len(set(names)) < max(len(names), 2):
         raise ValueError(f'compare needs two competitors or more, each once; received {names}')
+    if len({*map(os.path.realpath, options.on or ())}) < len(options.on or ()):
+        raise ValueError(f'--on must name each recording once; received {", ".join(options.on)}')
     if options.seed < 0:
         raise ValueError(f'--seed must be 0 or more; received {options.seed}')
     if output and output.suffix not in MARKS:
@@ -78,10 +82,10 @@ def run(options: argparse.Namespace) -> int:
     show(COLUMNS, [row_of(one) for one in found], as_json=options.json)
     limits = [sentence for one in found for sentence in one.sentences]
     for sentence in (*limits, *NOTES):
-        print(f'  {sentence}', file=sys.stderr if options.json else sys.stdout)
+        print(plain(f'  {sentence}'), file=sys.stderr if options.json else sys.stdout)
     if output:
         command = shlex.join(['tactile', 'compare', *map(str, sys.argv[2:])])
-        print(f'written: {write_comparison(output, found, command)}', file=sys.stderr)
+        print(plain(f'written: {write_comparison(output, found, command)}'), file=sys.stderr)
     return 0
 
 
@@ -106,7 +110,7 @@ def judged(options: argparse.Namespace) -> list[Competitor]:
             recordings, problems = find(name, spec, layout, truth)
         loaded += recordings
         for problem in problems:
-            print(f'  {name}: {problem}', file=sys.stderr)
+            print(plain(f'  {name}: {problem}'), file=sys.stderr)
     if not loaded:
         raise ValueError('name the recordings to compare on: --on RECORDING')
     config = fit_layout(spec.config(), loaded[0].recording.layout)

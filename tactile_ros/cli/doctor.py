@@ -192,8 +192,8 @@ def run_bag(options: argparse.Namespace) -> int:
         for sentence in saved.problems:
             print(plain(f'  left out: {sentence}'), file=sys.stderr)
         total = saved.counts.total()
-        print(f'bag: {options.repair}, {total} messages of {len(saved.counts)} topics',
-              file=sys.stderr)  # fmt: skip
+        told = f'bag: {options.repair}, {total} messages of {len(saved.counts)} topics'
+        print(plain(told), file=sys.stderr)
     return int(any(finding.state == BAD for finding in found))
 
 

@@ -66,17 +66,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Write the files, print what they hold, and return 1 where something could not be read."""
     target = options.csv or options.parquet or options.lerobot
-    names = [path.stem for path in options.bags]
+    bags = [path if path.stem.strip('.') else path.resolve() for path in options.bags]
+    names = [path.stem for path in bags]
     if len(set(names)) < len(names):
         raise ValueError(f'bags must have different names; received {", ".join(names)}')
     pipelines = [open_calibration(path) for path in options.calibration]
     begun = time.perf_counter()
     with working('exporting'):
         if options.lerobot:
-            done = write_dataset(options.bags, target, options.fps, options.task, pipelines)
+            done = write_dataset(bags, target, options.fps, options.task, pipelines)
         else:
             form = CsvFile if options.csv else ParquetFile
-            done = write_tables(options.bags, target, form, pipelines)
+            done = write_tables(bags, target, form, pipelines)
     seconds, size = time.perf_counter() - begun, done.read_bytes / 1e6
     show(FEATURES if options.lerobot else TABLES, done.rows, as_json=options.json)
     for sentence in done.notes:
@@ -84,5 +85,5 @@ def run(options: argparse.Namespace) -> int:
     for sentence in done.left_out:
         print(plain(f'  left out: {sentence}'), file=sys.stderr)
     speed = f'{size:.3g} MB in {seconds:.2g} s, {size / seconds:.0f} MB/s'
-    print(f'folder: {target}, {speed}', file=sys.stderr)
+    print(plain(f'folder: {target}, {speed}'), file=sys.stderr)
     return int(bool(done.left_out))

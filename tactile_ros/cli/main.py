@@ -71,7 +71,8 @@ def with_guess(said: str, options: list[str] | None = None) -> str:
         return said
     could = re.findall(r'[\w-]+', right[1]) if right else options or []
     close = get_close_matches(wrong[1] or wrong[2], could, 1)
-    return f'{said}; did you mean {close[0]}?' if close else said
+    guessed = close and close[0] not in wrong.groups()
+    return f'{said}; did you mean {close[0]}?' if guessed else said
 
 
 def parser(only: str | None = None) -> argparse.ArgumentParser:
@@ -131,13 +132,13 @@ def settings() -> dict[str, str]:
     try:
         with SETTINGS.open('rb') as file:
             found = tomllib.loads(file.read(MOST_SETTINGS).decode())
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f'{SETTINGS} must be plain TOML: {error}') from error
     known = tuple(SETTABLE['run'])
     for name, value in found.items():
         if name not in known or not (isinstance(value, str) and value):
-            told = f'{name} = {value!r}'[:80]
-            msg = f'{SETTINGS} must set texts, one of {", ".join(known)}; received {told}'
+            told = repr(name) if isinstance(value, dict | list) else f'{name!r} = {value!r}'
+            msg = f'{SETTINGS} must set texts, one of {", ".join(known)}; received {told[:80]}'
             raise ValueError(msg)
     return found
 
@@ -173,7 +174,7 @@ def parse(top: argparse.ArgumentParser, given: list[str]) -> argparse.Namespace:
         options.refuse(f'unrecognized arguments: {" ".join(unknown)}')
     added = words[1 : len(words) - len(given) + 1]
     if added and not options.quiet:
-        print(f'set by {SETTINGS}: {" ".join(added)}', file=sys.stderr)
+        print(plain(f'set by {SETTINGS}: {" ".join(added)}'), file=sys.stderr)
     return options
 
 

@@ -98,6 +98,8 @@ def check_options(options: argparse.Namespace) -> None:
         raise ValueError(f'--board needs the --sensor that it is; received {options.board} alone')
     if options.speed < 0:
         raise ValueError(f'--speed must be 0 or more; received {options.speed:g}')
+    if not 0 <= options.port < 2**16:
+        raise ValueError(f'--port must be 0 to {2**16 - 1}; received {options.port}')
     if options.loop and not options.speed:
         raise ValueError('--loop needs a --speed above 0; received 0')
     if options.mcap and options.mcap.exists():

@@ -408,7 +408,8 @@ def _files(path: Path, content: BagContent) -> list[Path]:
         return [path]
     files = [f for f in path.glob('*') if f.name.endswith(('.mcap', '.db3', '.zstd'))]
     if not files:
-        msg = f'{path} holds no bag (no .mcap or .db3 file)'
+        why = 'holds no bag (no .mcap or .db3 file)' if path.exists() else 'does not exist'
+        msg = f'{path} {why}'
         raise RecordingError(msg)
     metadata = path / 'metadata.yaml'
     if metadata.is_file():

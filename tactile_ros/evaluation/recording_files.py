@@ -621,6 +621,9 @@ def read_csv(path: str | os.PathLike[str], layout: Layout) -> Recording:
 
 def _csv_columns(file: Path) -> dict[str, list[str]]:
     """Cells of every column under its name."""
+    if file.exists() and not file.is_file():  # a pipe or a device may never end
+        msg = f'{file} cannot be read: it is no file'
+        raise RecordingError(msg)
     try:
         with file.open(newline='', encoding='utf-8') as opened:
             rows = list(islice(csv.reader(opened), MOST_ROWS + 1))

@@ -99,6 +99,7 @@ def test_a_page_or_a_drawing_is_written(name: str) -> None:
         (['ridge', 'grid_knn', '--on', 'presses.npz'], 2, 'add --sensor'),
         (['a.npz', 'gone.npz', '--on', 'presses.npz'], 1, 'gone.npz does not exist'),
         (['a.npz', 'b.npz', '--on', 'nowhere'], 1, 'nowhere does not exist'),
+        (['a.npz', 'b.npz', '--on', 'presses.npz', './presses.npz'], 2, 'each recording once'),
         (['a.npz', 'b.npz', '--on', 'presses.npz', '-o', 'a.pdf'], 2, 'must end in .html or .svg'),
         (['a.npz', 'b.npz', '--on', 'presses.npz', '--seed', '-1'], 2, '--seed must be 0 or more'),
     ],

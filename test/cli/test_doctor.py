@@ -311,7 +311,7 @@ def test_a_torn_bag_is_repaired_into_a_new_folder(
     assert main(['doctor', '--repair', str(tmp_path / 'other')]) == 2
     assert main(['doctor', str(bag), '--sensor', 'reskin_board']) == 2
     assert main(['doctor', str(tmp_path / 'nowhere')]) == 1
-    assert 'holds no bag' in capsys.readouterr().err
+    assert 'nowhere does not exist' in capsys.readouterr().err
 
 
 @pytest.fixture

@@ -56,6 +56,17 @@ def test_a_torn_bag_is_exported_as_far_as_it_goes_and_named(
     assert (tmp_path / 'out' / 'torn' / 'finger' / 'frames.csv').is_file()
 
 
+def test_the_folder_at_hand_has_its_name_and_no_name_colours_a_terminal(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(bag)
+    assert main(['export', '.', '--csv', str(tmp_path / '\x1b[31m')]) == 0
+    assert (tmp_path / '\x1b[31m' / 'bag' / 'finger' / 'frames.csv').is_file()
+    assert '\x1b' not in capsys.readouterr().err
+    assert main(['export', 'gone', '--csv', str(tmp_path / 'out')]) == 1
+    assert capsys.readouterr().err == 'tactile export: gone does not exist\n'
+
+
 def test_wrong_use_is_refused_in_a_sentence(
     bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

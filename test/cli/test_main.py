@@ -53,6 +53,10 @@ def test_nothing_is_with_guess_where_nothing_is_near() -> None:
         assert with_guess(said) == said
 
 
+def test_what_was_said_is_no_guess() -> None:
+    assert 'mean' not in with_guess("KEY must be none of reskin, x; received 'reskin'")
+
+
 def test_quiet_keeps_the_table_and_the_failure(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -97,18 +101,24 @@ def test_a_recording_that_is_named_is_shown_as_it_is(
     assert not capsys.readouterr().err
     assert entry.parse(parser('view'), ['view']).sensor == 'gradiometer'
     assert capsys.readouterr().err == 'set by tactile.toml: --sensor=gradiometer\n'
+    (folder / 'tactile.toml').write_text('sensor = "\\u001b[31m"\n')
+    entry.parse(parser('view'), ['view'])
+    assert capsys.readouterr().err == 'set by tactile.toml: --sensor=\\x1b[31m\n'
 
 
 @pytest.mark.parametrize(
     ('text', 'words'),
     [
-        ('sensr = "x"', "must set texts, one of sensor, port, calibration; received sensr = 'x'"),
+        ('sensr = "x"', "must set texts, one of sensor, port, calibration; received 'sensr'"),
         ('port = 3', 'must set texts'),
         ('port = ""', 'must set texts'),
         ('[sensor]\na = "b"', 'must set texts'),
         ('sensor', 'must be plain TOML'),
         ('\udcff', 'must be plain TOML'),
         ('a = [' * 3000, 'must be plain TOML'),
+        ('a = ' + '[' * 4000, 'must be plain TOML'),
+        ('.'.join('a' * 4000) + ' = 1', "received 'a'"),
+        ('"a\\nb" = 1', r"received 'a\nb' = 1"),
     ],
 )
 def test_a_file_that_sets_something_else_is_refused(

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from tactile_ros import sensors
+from tactile_ros.cli import new
 from tactile_ros.cli.main import main
 from tactile_ros.cli.new import sensor
 from tactile_ros.sensors import load_sensor
@@ -93,6 +94,17 @@ def test_new_writes_over_nothing(
     assert main(['new', 'my_pad', '--taxels', '2x2', '--folder', str(tmp_path)]) == 1
     assert f'{place} exists already' in capsys.readouterr().err
     assert list(tmp_path.rglob('*')) == [place]
+
+
+def test_new_leaves_nothing_where_it_cannot_write(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(new, 'write_beside', full)
+    assert main(['new', 'my_pad', '--taxels', '2x2', '--folder', str(tmp_path)]) == 1
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

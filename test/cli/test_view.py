@@ -6,14 +6,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pytest
 
 from tactile_ros.cli import view
+from tactile_ros.cli.main import main
 from tactile_ros.evaluation.recording_files import LoadedRecording
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
-    import pytest
-
     from tactile_ros.types import Columns, Signals
 
 
@@ -37,3 +37,9 @@ def test_a_frame_that_cannot_be_estimated_is_told_and_shown_as_lost(
     shown = list(view.played(LoadedRecording('few', few), pipeline))
     assert [state.valid for _, _, state in shown] == [row != 7 for row in range(20)]
     assert 'few: 1 frames cannot be estimated and count as lost' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('port', [-1, 65536])
+def test_a_port_that_cannot_be_is_refused(port: int, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['view', '--sensor', 'reskin_board', f'--port={port}']) == 2
+    assert f'--port must be 0 to 65535; received {port}' in capsys.readouterr().err

@@ -149,7 +149,7 @@ def test_a_message_later_than_any_clock_is_left_out(made: SimpleNamespace) -> No
 def test_check_refuses_what_is_no_bag(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match='holds no bag'):
         check_bag(tmp_path)
-    with pytest.raises(RecordingError, match='holds no bag'):
+    with pytest.raises(RecordingError, match='nowhere does not exist'):
         check_bag(tmp_path / 'nowhere')
     (tmp_path / 'junk.mcap').write_bytes(b'hello')
     assert 'does not begin like an MCAP file' in check_bag(tmp_path / 'junk.mcap').damage[0]

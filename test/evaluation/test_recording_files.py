@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import io
+import os
 import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -171,6 +172,12 @@ def test_csv_that_makes_no_sense_is_refused_with_a_sentence(
     file.write_text(text)
     with pytest.raises(RecordingError, match=sentence):
         load(file, Layout(np.zeros((1, 3)), ('u',), '1'))
+
+
+def test_csv_that_is_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / 'a.csv')
+    with pytest.raises(RecordingError, match='it is no file'):
+        load(tmp_path / 'a.csv', Layout(np.zeros((1, 3)), ('u',), '1'))
 
 
 def test_a_bag_becomes_frames_contacts_baselines_and_truth(
