@@ -234,7 +234,8 @@ def show_recordings(viewer: PageServer | Viewer, options: argparse.Namespace) ->
     """Play every recording of a path, for ever where it loops."""
     with working(f'reading {options.recording}'):
         calibration = open_calibration(options.calibration) if options.calibration else None
-        found = load(Path(options.recording)).recordings
+        layout = calibration.layout if calibration else None
+        found = load(Path(options.recording), layout).recordings
     page = viewer if isinstance(viewer, PageServer) else None
     if page and options.loop:
         page.wait_for_page(options.seconds)

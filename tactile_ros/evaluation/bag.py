@@ -406,7 +406,9 @@ def _files(path: Path, content: BagContent) -> list[Path]:
             msg = f'{path} is no bag: a folder, .mcap or .db3 is wanted'
             raise RecordingError(msg)
         return [path]
-    files = [f for f in path.glob('*') if f.name.endswith(('.mcap', '.db3', '.zstd'))]
+    found = [f for f in path.glob('*') if f.name.endswith(('.mcap', '.db3', '.zstd'))]
+    files = [f for f in found if f.is_file()]  # a pipe may never end
+    content.problems += [f'{f.name} is no file' for f in found if f not in files]
     if not files:
         why = 'holds no bag (no .mcap or .db3 file)' if path.exists() else 'does not exist'
         msg = f'{path} {why}'

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
 
 from tactile_ros.enrolment import playing
+from tactile_ros.errors import TactileError
 from tactile_ros.pipeline import Pipeline
 
 if TYPE_CHECKING:
@@ -230,6 +231,8 @@ def load_sensor(key: str) -> SensorSpec:
     ------
     ValueError
         If there is none of that name; the sentence lists the keys.
+    TactileError
+        If its file cannot be loaded.
     """
     key = ALIASES.get(key, key)
     if key not in list_sensors():
@@ -237,8 +240,12 @@ def load_sensor(key: str) -> SensorSpec:
         meant = f'; did you mean {close[0]}?' if close else ''
         msg = f'sensor must be one of {", ".join(list_sensors())}; received {key!r}{meant}'
         raise ValueError(msg)
-    spec = getattr(importlib.import_module(f'tactile_ros.sensors.{key}'), 'SENSOR', None)
+    try:
+        spec = getattr(importlib.import_module(f'tactile_ros.sensors.{key}'), 'SENSOR', None)
+    except Exception as err:
+        msg = f'sensor {key} cannot be loaded ({type(err).__name__}: {err})'
+        raise TactileError(msg) from err
     if not isinstance(spec, SensorSpec):
         msg = f'sensors/{key}/__init__.py must define SENSOR, a SensorSpec'
-        raise TypeError(msg)
+        raise TactileError(msg)
     return spec

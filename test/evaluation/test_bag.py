@@ -309,6 +309,8 @@ def test_missing_files_and_folders_without_a_bag_are_named(
     with pytest.raises(RecordingError, match='is no bag'):
         read_all(other)
     path = write_bag(tmp_path / 'bag', n=3)
+    os.mkfifo(path / 'pipe.db3')
+    assert 'pipe.db3 is no file' in read_all(path).problems
     (path / 'bag_0.mcap').rename(path / 'other.mcap')
     assert 'bag_0.mcap of the bag is missing' in read_all(path).problems
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tactile_ros import sensors
+from tactile_ros.errors import TactileError
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import SensorSpec, list_sensors, load_sensor
 
@@ -28,11 +29,22 @@ def test_an_unknown_key_is_told_those_there_are(key: str) -> None:
         load_sensor(key)
 
 
+@pytest.mark.parametrize('text', ['x = = 1', 'import nowhere_at_all', '1 / 0'])
+def test_a_file_that_cannot_be_loaded_is_told_in_a_sentence(
+    text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / 'torn_pad').mkdir()
+    (tmp_path / 'torn_pad' / '__init__.py').write_text(text)
+    monkeypatch.setattr(sensors, '__path__', [*sensors.__path__, str(tmp_path)])
+    with pytest.raises(TactileError, match=r'sensor torn_pad cannot be loaded \('):
+        load_sensor('torn_pad')
+
+
 def test_a_folder_without_a_sensor_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr('tactile_ros.sensors.registry.list_sensors', lambda: ['registry'])
-    with pytest.raises(TypeError, match='must define SENSOR, a SensorSpec'):
+    with pytest.raises(TactileError, match='must define SENSOR, a SensorSpec'):
         load_sensor('registry')
 
 
