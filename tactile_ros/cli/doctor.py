@@ -510,6 +510,6 @@ def _marks(trial: Trial) -> list[Finding]:
         taxels = np.flatnonzero(share > (RARELY if bit == TaxelStatus.STALE else 0)).tolist()
         if taxels:
             state = BAD if share.max() > 0.5 else WARN
-            what = f'taxels {taxels}, in up to {100 * share.max():.2g} % of the frames'
+            what = f'taxels {taxels}, in up to {100 * share.max():.3g} % of the frames'
             found.append(Finding(str(bit.name).lower(), state, what, remedy))
     return found

@@ -226,9 +226,11 @@ def test_repeats_are_told_where_they_are_more_than_a_quiet_chip_has(
     bits = np.zeros((200, 3), np.uint8)
     bits[:stale, 1] = TaxelStatus.STALE
     bits[0, 2] |= TaxelStatus.STUCK
+    bits[:, 0] = TaxelStatus.SATURATED
     frames = [dataclasses.replace(f, status=b) for f, b in zip(trial.frames, bits, strict=True)]
     found = named(findings(dataclasses.replace(trial, frames=frames)))
     assert found['stuck'].what.startswith('taxels [2]')
+    assert found['saturated'].what == 'taxels [0], in up to 100 % of the frames'
     assert ('stale' in found) == (state is not None)
     if state is not None:
         assert found['stale'].state == state
