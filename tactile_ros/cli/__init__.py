@@ -41,11 +41,11 @@ def _end(*_: object) -> None:
     """End this process at once; those that it started end with it."""
     try:
         if os.getpid() in _started:
+            os.write(2, b'tactile: interrupted\n')
             files = sys.modules.get('tactile_ros.files')
             for part in map(Path, tuple(files.UNFINISHED if files else ())):
                 shutil.rmtree(part, ignore_errors=True)
                 part.unlink(missing_ok=True)
-            os.write(2, b'tactile: interrupted\n')
     finally:
         os._exit(INTERRUPTED)
 

@@ -53,6 +53,17 @@ def test_nothing_is_with_guess_where_nothing_is_near() -> None:
         assert with_guess(said) == said
 
 
+def test_an_interrupt_amid_the_imports_says_so() -> None:
+    lines = (
+        'import os, sys, types; from tactile_ros import cli; cli._started.append(os.getpid())',
+        "sys.modules['tactile_ros.files'] = types.ModuleType('begun')",
+        'cli._end()',
+    )
+    words = [sys.executable, '-c', '\n'.join(lines)]
+    done = subprocess.run(words, capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (130, b'tactile: interrupted\n')
+
+
 def test_what_was_said_is_no_guess() -> None:
     assert 'mean' not in with_guess("KEY must be none of reskin, x; received 'reskin'")
 
