@@ -42,6 +42,10 @@ def _end(*_: object) -> None:
     try:
         if os.getpid() in _started:
             os.write(2, b'tactile: interrupted\n')
+            forks = sys.modules.get('multiprocessing')
+            for child in forks.active_children() if forks else ():
+                child.kill()
+                child.join()
             files = sys.modules.get('tactile_ros.files')
             for part in map(Path, tuple(files.UNFINISHED if files else ())):
                 shutil.rmtree(part, ignore_errors=True)
