@@ -127,7 +127,8 @@ class GraspServer:
         handle, self._handle = self._handle, None
         if handle is None:
             return
-        wanted = GraspOutcome.HELD if handle.request.target_force else GraspOutcome.NO_OBJECT
+        closes = handle.request.target_force or handle.request.forces
+        wanted = GraspOutcome.HELD if closes else GraspOutcome.NO_OBJECT
         ending = state or ('succeed' if outcome == wanted else 'abort')
         result = Grasp.Result(outcome=int(outcome), message=message, force=self._force)
         self._ends[bytes(handle.goal_id.uuid)] = ending, result

@@ -196,10 +196,18 @@ class GripLoop:
         self._sequence = None
 
     def grasp(
-        self, target_force: float, fingers: Sequence[str], timeout: float, adapt: bool
+        self,
+        target_force: float,
+        fingers: Sequence[str],
+        timeout: float,
+        adapt: bool,
+        forces: Sequence[float] = (),
     ) -> None:
-        """Close until something is held; a target of 0 N opens. ValueError: it cannot be."""
-        self.admit(target_force, fingers, timeout)
+        """Close until something is held; a target of 0 N opens. ValueError: it cannot be.
+
+        `forces` (N) are of `fingers`, or of all where that is empty, instead of one target.
+        """
+        targets = self.admit(target_force, fingers, timeout, forces)
         held = self.law.holds or self._is_holding()
         if self.law.phase == GripPhase.IDLE:
             if self._watch.strayed():
@@ -210,12 +218,12 @@ class GripLoop:
                 self._watch.forget()
                 self._unsent_s = 0.0
         self._lost_s = 0.0
-        if target_force == 0:
+        if not any(targets):
             self.law.release()
             self._sequence = GraspSequence(self.config, timeout, opens=True)
             return
         chosen = [not fingers or name in fingers for name in self.fingers]
-        self.law.grasp(target_force, adapt, chosen, held)
+        self.law.grasp(targets, adapt, chosen, held)
         self._sequence = GraspSequence(self.config, timeout)
 
     def _is_holding(self) -> bool:
@@ -231,14 +239,25 @@ class GripLoop:
         wanted = {side for side in self._sides if side} or {0}
         return {s for s, one in zip(self._sides, supported, strict=True) if one} >= wanted
 
-    def admit(self, target_force: float, fingers: Sequence[str], timeout: float) -> None:
-        """Refuse a grasp that cannot be by a ValueError of one sentence."""
+    def admit(
+        self,
+        target_force: float,
+        fingers: Sequence[str],
+        timeout: float,
+        forces: Sequence[float] = (),
+    ) -> list[float]:
+        """Targets (f,) of a grasp (N); ValueError of one sentence where it cannot be."""
         low, high = ON_SIGMAS * self.config.force_noise, self.config.force_high
-        if not (target_force == 0 or low < target_force <= high):
+        wanted, named = list(forces) or [target_force], list(fingers) or self.fingers
+        wrong = [force for force in wanted if not low < force <= high]
+        if wrong and wanted != [0.0]:
             msg = (
                 f'target_force must be 0, which opens, or above {low:g} and at most {high:g} N; '
-                f'received {target_force:g}'
+                f'received {wrong[0]:g}'
             )
+            raise ValueError(msg)
+        if len(forces) not in (0, len(named)):
+            msg = f'forces must be one for each of {", ".join(named)}; received {len(forces)}'
             raise ValueError(msg)
         GraspSequence(self.config, timeout)
         unknown = [name for name in fingers if name not in self.fingers]
@@ -246,18 +265,21 @@ class GripLoop:
             msg = f'fingers must be of {", ".join(self.fingers)}; received {unknown[0]!r}'
             raise ValueError(msg)
         used = [not fingers or name in fingers for name in self.fingers]
-        asked = shared([target_force] * len(used), self._sides, used)
+        each = dict(zip(named, wanted, strict=True)) if len(forces) else {}
+        targets = [each.get(name, max(wanted)) for name in self.fingers]
+        asked = shared(targets, self._sides, used)
         short = [i for i, reach in enumerate(self._reach) if asked[i] > reach]
         if short:
-            most = min(target_force * self._reach[i] / asked[i] for i in short)
-            each = ', '.join(
+            most = min(max(wanted) * self._reach[i] / asked[i] for i in short)
+            weak = ', '.join(
                 f'{self.fingers[i]} {self._reach[i]:.2f} of {asked[i]:.2f} N' for i in short
             )
             msg = (
-                f'the drives of this hand cannot press that hard ({each}): at most {most:.2f} N '
+                f'the drives of this hand cannot press that hard ({weak}): at most {most:.2f} N '
                 'can be asked for'
             )
             raise ValueError(msg)
+        return targets
 
     def cancel(self) -> None:
         """Wait for no end any more: what is held stays held, otherwise the hand opens."""

@@ -565,7 +565,7 @@ class GripNode(ManagedNode):
         if self._ticking is None or not self._enabled:
             return 'grip_node is not active' if self._ticking is None else 'the grip is disabled'
         try:
-            self._loop.admit(goal.target_force, goal.fingers, goal.timeout)
+            self._loop.admit(goal.target_force, goal.fingers, goal.timeout, goal.forces)
         except ValueError as err:
             return str(err)
         return self._link.refusal
@@ -574,7 +574,9 @@ class GripNode(ManagedNode):
         """Begin a grasp, or open."""
         with self._lock:
             self._grasps.forget()
-            self._loop.grasp(goal.target_force, goal.fingers, goal.timeout, goal.adapt)
+            self._loop.grasp(
+                goal.target_force, goal.fingers, goal.timeout, goal.adapt, goal.forces
+            )
 
     def _cancel(self) -> None:
         """The client waits no more."""

@@ -558,11 +558,31 @@ def test_a_queue_that_is_caught_up_with_is_no_hand_that_is_shut() -> None:
         ((float('nan'), (), 0.0), 'received nan'),
         ((1.0, ('nose',), 0.0), "fingers must be of index, middle, ring, thumb; received 'nose'"),
         ((1.0, (), -1.0), 'timeout of a grasp must be 0'),
+        ((0.0, ('index', 'thumb'), 0.0, (1.0,)), 'forces must be one for each of index, thumb'),
+        ((1.0, ('index', 'thumb'), 0.0, (1.0, 0.0)), 'received 0'),
     ],
 )
 def test_a_goal_that_cannot_be_is_one_sentence(goal: tuple, sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         World('allegro_v5').stage.admit(*goal)
+
+
+def test_every_finger_may_be_asked_for_a_force_of_its_own() -> None:
+    world = World('allegro_v5')
+    world.run(0.2)
+    world.stage.grasp(0.0, ('thumb', 'index', 'middle'), 20.0, False, (2.0, 0.5, 1.5))
+    made = world.until_end()
+    assert made.ended.outcome == GraspOutcome.HELD
+    np.testing.assert_allclose(made.made.target_force, [0.5, 1.5, 0.0, 2.0])
+    forces = np.array(world.forces())
+    assert forces[2] == 0.0
+    np.testing.assert_allclose(forces[[0, 1, 3]], [0.5, 1.5, 2.0], atol=0.15)
+
+
+def test_a_hand_says_how_hard_it_can_press_with_forces_of_their_own() -> None:
+    world = World('allegro_v4')
+    with pytest.raises(ValueError, match=r'thumb 2\.56 of 4\.00 N\): at most 2\.56 N can be'):
+        world.stage.admit(0.0, ('index', 'middle', 'ring', 'thumb'), 0.0, (1.9, 1.4, 1.0, 4.0))
 
 
 def test_a_rate_that_the_hand_cannot_take_is_refused() -> None:

@@ -495,6 +495,13 @@ def test_a_newer_grasp_takes_the_place_of_the_first(ros: Ros) -> None:
     assert max(ended.force) == pytest.approx(3.0, rel=APART)
 
 
+def test_forces_of_their_own_come_with_the_goal(ros: Ros) -> None:
+    _, _, fingers = graph(ros, 'allegro_v5')
+    status, ended = result(ros, fingers.ask(ros, 0.0, forces=[0.5, 0.5, 1.0, 2.0]))
+    assert (status, ended.outcome) == (GoalStatus.STATUS_SUCCEEDED, Grasp.Result.HELD)
+    np.testing.assert_allclose(fingers.states[-1].target_force, [0.5, 0.5, 1.0, 2.0])
+
+
 def test_a_cancel_ends_the_wait_and_a_hold_goes_on(ros: Ros) -> None:
     _, mock, fingers = graph(ros, 'allegro_v5')
     handle = fingers.ask(ros, 2.0)
