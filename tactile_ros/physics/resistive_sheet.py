@@ -136,3 +136,10 @@ def unrolled(places: Array, radius: float) -> Array:
     """
     x, y, z = places.T
     return np.stack([radius * np.arctan2(x, radius + z), y], axis=1)
+
+
+def rolled(places: Array, radius: float) -> Array:
+    """Places (s, 3) on a cylinder of a radius (m) of flat places (s, 2); undoes `unrolled`."""
+    x, y = places.T
+    turn = x / radius
+    return np.stack([radius * np.sin(turn), y, radius * (np.cos(turn) - 1)], axis=1)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from tactile_ros.pipeline import Pipeline
 
 pytestmark = pytest.mark.ros
-ROUNDING = 1e-12  # frames that waited are estimated together, as many as waited
+ROUNDING = 1e-9  # frames that waited are estimated together, as many as waited
 
 
 def apart(said: str) -> float:
