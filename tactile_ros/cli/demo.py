@@ -154,8 +154,10 @@ def results(output: Path, *, overwrite: bool) -> Iterator[Path]:
             held.callback(_remove_empty, output)
         folder = held.enter_context(tempfile.TemporaryDirectory(dir=output, prefix='.new_'))
         UNFINISHED.add(folder)
-        yield Path(folder)
-        UNFINISHED.discard(folder)
+        try:
+            yield Path(folder)
+        finally:
+            UNFINISHED.discard(folder)
         (output / MARK).touch()
         for made in [Path(folder) / name for name in RESULTS]:
             if made.exists():

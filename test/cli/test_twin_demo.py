@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from tactile_ros.pipeline import Pipeline
 
 pytestmark = pytest.mark.ros
-ROUNDING = 1e-9  # frames that waited are estimated together, as many as waited
+ROUNDING = 1e-12  # frames that waited are estimated together, as many as waited
+PLACED = 1e-9  # of objects that are placed: a descent passes rounding on
 
 
 def apart(said: str) -> float:
@@ -49,7 +50,7 @@ def test_a_twin_goes_through_the_real_graph(
     assert main(['demo', '--sensor', sensor, '--output', str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert 'what it does in that world alone' in said
-    assert apart(said) < ROUNDING
+    assert apart(said) < (PLACED if sensor == 'taxel_array' else ROUNDING)
     loaded = load(tmp_path / 'bags' / sensor).recordings[0]
     assert loaded.name == sensor
     truth = loaded.recording.truth
