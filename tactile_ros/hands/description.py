@@ -29,16 +29,11 @@ TELLS = 0.1  # of the fastest joint's motion, below which a joint tells no closu
 
 @dataclass(frozen=True)
 class Finger:
-    """One finger as a hand's file describes it.
+    """One finger as a hand's file describes it; ValueError if lengths differ or nothing closes.
 
     Its closure goes from 0, the open posture, straight to the pre-grasp posture and from there
     along the synergy `closing` to 1, at even speed in joint space. A hand whose joints are
     synergies has such a finger too.
-
-    Raises
-    ------
-    ValueError
-        If lengths differ or nothing closes.
     """
 
     joints: tuple[str, ...] = texts(('joint',), 'names of its joints')
@@ -102,6 +97,12 @@ class Finger:
         slope = self.opening if closure < self.corner else self.slope
         return self.pre_grasp + slope * (closure - self.corner)
 
+    @cached_property
+    def _lines(self) -> tuple[Array, list[float]]:
+        """Both directions of the path (n, 2), and their squared lengths."""
+        lines = np.stack([self.opening, self.slope], axis=1)
+        return lines, np.einsum('ni,ni->i', lines, lines).tolist()
+
     def closure_of(self, position: Array) -> float:
         """Closure whose posture lies nearest to joint positions (n,); beyond 0 and 1 too."""
         lines, lengths = self._lines
@@ -128,7 +129,7 @@ class Finger:
         """
         if self.is_soft and closure > contact:
             return float(self.lever @ (wanted - sent)) / self.travel
-        slope = self._slopes[int(closure >= self.corner)]
+        slope = self.slope if closure >= self.corner else self.opening
         moves = np.abs(slope) > TELLS * np.abs(slope).max()
         behind = (wanted - sent)[moves] / slope[moves]
         return float(behind[np.abs(behind).argmin()])
@@ -188,21 +189,9 @@ class Finger:
             best = max(best, float((torque[carries] / np.abs(self.lever[carries])).min()))
         return best
 
-    @cached_property
-    def _slopes(self) -> tuple[Array, Array]:
-        """Motion of each joint per closure before the pre-grasp posture, and beyond it."""
-        return self.opening, self.slope
-
-    @cached_property
-    def _lines(self) -> tuple[Array, list[float]]:
-        """Both directions of the path (n, 2), and their squared lengths."""
-        lines = np.stack([self.opening, self.slope], axis=1)
-        return lines, np.einsum('ni,ni->i', lines, lines).tolist()
-
     def fastest(self, velocity: Array) -> float:
         """Closure per second at which the first joint reaches its speed (n,)."""
-        steepest = np.maximum(np.abs(self.slope), np.abs(self.opening))
-        steepest = np.maximum(steepest, np.abs(self.press))
+        steepest = np.abs([self.slope, self.opening, self.press]).max(axis=0)
         moving = steepest > 0
         return float((velocity[moving] / steepest[moving]).min())
 
@@ -216,8 +205,7 @@ class Finger:
         if not self.lever.any():
             return np.full(len(self.joints), np.nan)
         lever = np.abs(self.lever)
-        caps: Array = np.maximum(lever, SIDEWAYS * lever.max()) * force + self.free_effort
-        return caps
+        return np.maximum(lever, SIDEWAYS * lever.max()) * force + self.free_effort
 
 
 T = TypeVar('T')
@@ -227,21 +215,10 @@ NEEDED = {'joints', 'open', 'pre_grasp', 'closing', 'sensors'}
 
 @dataclass(frozen=True)
 class HandDescription:
-    """A hand and its fingers.
+    """A hand, its driver and its fingers by name, in the order of the file.
 
-    Attributes
-    ----------
-    name : str
-        Of the hand.
-    driver : HandDriver
-        How it is commanded.
-    fingers : dict of str to Finger
-        By name, in the order of the file.
-
-    Raises
-    ------
-    ValueError
-        If a finger names a joint that the driver does not have, or a posture outside its limits.
+    ValueError if a finger names a joint that the driver does not have, or a posture outside its
+    limits.
     """
 
     name: str
@@ -362,30 +339,24 @@ def load_hand(name: str) -> HandDescription:
 
     ValueError with one sentence that names the file and what it must hold.
     """
-    place = folder()
-    path = Path(name)
+    place, path = folder(), Path(name)
     if path.suffix != '.yaml':
         if name not in list_hands() or place is None:
             msg = f'hand must be one of {", ".join(list_hands())}, or a .yaml; received {name!r}'
             raise ValueError(msg)
         path = place / f'{name}.yaml'
-    content = read(path)
-    try:
-        return parse(path.stem, content)
-    except ValueError as err:
-        msg = f'{path}: {err}'
-        raise ValueError(msg) from err
-
-
-def read(path: Path) -> object:
-    """Content of a small yaml file; ValueError where it is none."""
     try:
         if path.stat().st_size > MOST_BYTES or not path.is_file():
             msg = f'it must be a file smaller than {MOST_BYTES} bytes'
             raise ValueError(msg)  # noqa: TRY301
-        return read_yaml(path.read_text('utf-8'))
+        content = read_yaml(path.read_text('utf-8'))
     except (OSError, ValueError) as err:
         msg = f'{path} cannot be read: {" ".join(str(err).split())[:200]}'
+        raise ValueError(msg) from err
+    try:
+        return parse(path.stem, content)
+    except ValueError as err:
+        msg = f'{path}: {err}'
         raise ValueError(msg) from err
 
 
@@ -412,18 +383,12 @@ def parse(name: str, content: object) -> HandDescription:
 
 
 def _made(kind: type[T], values: Mapping[str, object], what: str) -> T:
-    """Dataclass of yaml values; a list is a tuple where texts are meant."""
+    """Dataclass of yaml values."""
     try:
-        return kind(**{k: _plain(v) for k, v in values.items()})
+        return kind(**values)
     except (ValueError, TypeError) as err:
         msg = f'{what}: {err}'
         raise ValueError(msg) from err
-
-
-def _plain(value: object) -> object:
-    """A list of texts as a tuple."""
-    texts = isinstance(value, list) and all(isinstance(item, str) for item in value)
-    return tuple(cast('list[str]', value)) if texts else value
 
 
 def _mapping(what: str, value: object, known: set[str] | None = None) -> dict[str, object]:

@@ -28,22 +28,22 @@ if TYPE_CHECKING:
     from tactile_ros.messages import Message
     from tactile_ros.types import Integers
 
+# help of fields that several drivers have
+LOWEST, HIGHEST = 'lowest position of each joint', 'highest position of each joint'
+FASTEST = 'fastest motion of each joint'
+CONTROLLER = (
+    'controller whose parameter `joints` tells the order of the command; empty: as shipped'
+)
+PER_EFFORT = 'torque per unit of `effort` in joint states; 0: it tells none'
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 NUMBERS = 'std_msgs/msg/Float64MultiArray'
 TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
+PERIODS = 2.0  # of commands, within which no point is reached: joints would wait for the next
 
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic on which a driver takes commands.
-
-    Attributes
-    ----------
-    name, kind : str
-        Of the topic and of its message.
-    fill : callable
-        Writes a GripCommand into a fresh message.
-    """
+    """A topic of commands, its message type, and what writes a GripCommand into a message."""
 
     name: str
     kind: str
@@ -54,32 +54,28 @@ class Topic:
 class HandDriver:
     """Fields that all drivers have; each is a ROS parameter of grip_node.
 
-    Raises
-    ------
-    ValueError
-        If a value cannot be, or the limits do not fit the joints.
+    A driver adds its `joints`, and topics as shipped, in which {0} is the driver. ValueError if a
+    value cannot be, or the limits do not fit the joints.
     """
 
     fastest_hz: ClassVar[float] = 100.0  # commands a second that the driver takes
     falls_silent: ClassVar[bool] = False  # after a command of the wrong size
+    commands: ClassVar[tuple[str, str]] = ('', NUMBERS)  # topic, and type of its message
+    joint_states: ClassVar[str] = '/joint_states'  # as joint_state_broadcaster ships it
 
-    lower: Array = array([0.0], 'lowest position of each joint', 'rad', (-1,))
-    upper: Array = array([1.0], 'highest position of each joint', 'rad', (-1,))
-    velocity: Array = array([1.0], 'fastest motion of each joint', 'rad/s', (-1,), 1e-6, 1e3)
+    lower: Array = array([0.0], LOWEST, 'rad', (-1,))
+    upper: Array = array([1.0], HIGHEST, 'rad', (-1,))
+    velocity: Array = array([1.0], FASTEST, 'rad/s', (-1,), 1e-6, 1e3)
     effort: Array | None = maybe_array('largest torque of each joint', 'N m', (-1,), 1e-6, 1e3)
     most_offset: float = number(
         0.4, 'how far a target may lie from the measured joint: with the gain of the driver it '
         'bounds the torque', 'rad', 1e-3, 100.0,
     )  # fmt: skip
-    effort_scale: float = number(
-        0.0, 'torque per unit of `effort` in joint states; 0: it tells none', 'N m', 0.0, 1e3
-    )
+    effort_scale: float = number(0.0, PER_EFFORT, 'N m', 0.0, 1e3)
     command_topic: str = text_of('', 'topic of commands; empty: the name that the driver ships')
     state_topic: str = text_of('', 'topic of joint states; empty: the name that the driver ships')
     description_topic: str = text_of('robot_description', 'topic of the URDF of the hand')
-    controller: str = text_of(
-        '', 'controller whose parameter `joints` tells the order of the command; empty: as shipped'
-    )
+    controller: str = text_of('', CONTROLLER)
     tip_offset: float = number(
         0.0, 'by which the tips are longer than levers and robot_description say', 'm', -0.05, 0.05
     )
@@ -114,12 +110,17 @@ class HandDriver:
     @property
     def topics(self) -> tuple[Topic, ...]:
         """Topics of commands, in the order in which they are published."""
-        raise NotImplementedError
+        name, kind = self.commands
+        return (Topic(self.command_topic or name.format(self), kind, self.fill),)
+
+    def fill(self, message: Message, command: GripCommand) -> None:
+        """Write the positions of a command into a message."""
+        message.data = packed(command.position)
 
     @property
     def states(self) -> str:
-        """Topic of joint states, as joint_state_broadcaster ships it."""
-        return self.state_topic or '/joint_states'
+        """Topic of joint states."""
+        return self.state_topic or self.joint_states.format(self)
 
     @property
     def description(self) -> str:
@@ -229,10 +230,20 @@ def read_command(kind: str, message: Message, joints: tuple[str, ...]) -> tuple[
     return values, horizon_s
 
 
-# rad, of thumb and of each finger, left and right alike
-THUMB = ((0.263, 1.396), (-0.105, 1.163), (-0.189, 1.644), (-0.162, 1.719))
-FINGER = ((-0.47, 0.47), (-0.196, 1.61), (-0.174, 1.709), (-0.227, 1.618))
-LIMITS = (*THUMB, *FINGER, *FINGER, *FINGER)
+# rad; left and right hands of a V4 alike, right ones of the others, a V5 of type A
+V4_LIMITS = np.array(
+    [(0.263, 1.396), (-0.105, 1.163), (-0.189, 1.644), (-0.162, 1.719)]
+    + 3 * [(-0.47, 0.47), (-0.196, 1.61), (-0.174, 1.709), (-0.227, 1.618)]
+)
+PLEXUS_LIMITS = np.array(
+    [(0.0, 1.745), (-0.349, 1.169), (0.0, 1.169), (0.0, 1.571)]
+    + 3 * [(-0.524, 0.524), (0.0, 1.169), (0.0, 1.169), (0.0, 1.169)]
+)
+V5_LIMITS = np.array(
+    3 * [(-0.47, 0.47), (-0.196, 1.8), (-0.174, 1.709), (-0.227, 1.618)]
+    + [(0.0, 1.78), (-0.26, 1.78), (-0.05, 1.85), (-0.09, 1.80)]
+)
+TORQUE = 0.345  # N m, what the driver of a Plexus allows where no cap came
 
 
 @dataclass(frozen=True)
@@ -244,94 +255,49 @@ class AllegroV4(HandDriver):
     the drives'.
     """
 
-    lower: Array = array([low for low, _ in LIMITS], 'lowest position of each joint', 'rad', (16,))
-    upper: Array = array(
-        [high for _, high in LIMITS], 'highest position of each joint', 'rad', (16,)
-    )
-    velocity: Array = array([2.0] * 16, 'fastest motion of each joint', 'rad/s', (16,), 1e-6, 20.0)
-    effort_scale: float = number(
-        1.0, 'torque per unit of `effort` in joint states; 0: it tells none', 'N m', 0.0, 1e3
-    )
+    commands = ('/allegro_hand_position_controller/commands', NUMBERS)
+
+    lower: Array = array(V4_LIMITS[:, 0], LOWEST, 'rad', (16,))
+    upper: Array = array(V4_LIMITS[:, 1], HIGHEST, 'rad', (16,))
+    velocity: Array = array([2.0] * 16, FASTEST, 'rad/s', (16,), 1e-6, 20.0)
+    effort_scale: float = number(1.0, PER_EFFORT, 'N m', 0.0, 1e3)
     prefix: str = text_of('ah_', 'of the joints: ah_, or ahl_ and ahr_ of a pair')
-    controller: str = text_of(
-        '/allegro_hand_position_controller',
-        'controller whose parameter `joints` tells the order of the command; empty: as shipped',
-    )
+    controller: str = text_of('/allegro_hand_position_controller', CONTROLLER)
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
         """Thumb, index, middle, ring: the order of the shipped controllers."""
         return tuple(f'{self.prefix}joint{i // 4}{i % 4}' for i in range(16))
 
-    @property
-    def topics(self) -> tuple[Topic, ...]:
-        """Float64MultiArray of 16 positions."""
-        name = self.command_topic or '/allegro_hand_position_controller/commands'
-        return (Topic(name, NUMBERS, self.fill),)
-
-    def fill(self, message: Message, command: GripCommand) -> None:
-        """Write the 16 positions; their layout stays empty."""
-        message.data = packed(command.position)
-
-
-PLEXUS_THUMB = ((0.0, 1.745), (-0.349, 1.169), (0.0, 1.169), (0.0, 1.571))
-PLEXUS_FINGER = ((-0.524, 0.524), (0.0, 1.169), (0.0, 1.169), (0.0, 1.169))
-PLEXUS_LIMITS = (
-    *PLEXUS_THUMB,
-    *PLEXUS_FINGER,
-    *PLEXUS_FINGER,
-    *PLEXUS_FINGER,
-)  # rad, right hand
-TORQUE = 0.345  # N m, what the driver allows where no cap came
-
 
 @dataclass(frozen=True)
 class AllegroPlexus(AllegroV4):
     """Allegro Hand Plexus under ros2_control: positions, and a torque cap for each joint.
 
-    The cap is the cleanest bound of grip force that any of these hands has. The readme of the
-    driver names another topic; its code listens to `efforts`. Without a cap it allows 0.345 N m
-    (300 mA).
+    The readme of the driver names another topic of caps; its code listens to `efforts`. Without a
+    cap it allows 0.345 N m (300 mA).
     """
 
     falls_silent = True
+    commands = ('/allegro_hand_position_effort_controller/commands', NUMBERS)
 
-    lower: Array = array(
-        [low for low, _ in PLEXUS_LIMITS], 'lowest position of each joint', 'rad', (16,)
-    )
-    upper: Array = array(
-        [high for _, high in PLEXUS_LIMITS], 'highest position of each joint', 'rad', (16,)
-    )
+    lower: Array = array(PLEXUS_LIMITS[:, 0], LOWEST, 'rad', (16,))
+    upper: Array = array(PLEXUS_LIMITS[:, 1], HIGHEST, 'rad', (16,))
     effort_topic: str = text_of('', 'topic of torque caps; empty: the name that the driver ships')
-    controller: str = text_of(
-        '/allegro_hand_position_effort_controller',
-        'controller whose parameter `joints` tells the order of the command; empty: as shipped',
-    )
+    controller: str = text_of('/allegro_hand_position_effort_controller', CONTROLLER)
 
     @property
     def topics(self) -> tuple[Topic, ...]:
         """Caps before positions, so that no position is ever without its cap."""
-        place = '/allegro_hand_position_effort_controller'
-        return (
-            Topic(self.effort_topic or f'{place}/efforts', NUMBERS, self.fill_caps),
-            Topic(self.command_topic or f'{place}/commands', NUMBERS, self.fill),
-        )
+        shipped = '/allegro_hand_position_effort_controller/efforts'
+        caps = Topic(self.effort_topic or shipped, NUMBERS, self.fill_caps)
+        return (caps, *super().topics)
 
     def fill_caps(self, message: Message, command: GripCommand) -> None:
         """Write the 16 largest torques; where the command names none, the limit."""
         most = np.minimum(self.limits.effort, TORQUE)
         asked = np.where(np.isfinite(command.effort), command.effort, most)
         message.data = packed(np.clip(asked, 0.0, most))
-
-
-V5_FINGER = ((-0.47, 0.47), (-0.196, 1.8), (-0.174, 1.709), (-0.227, 1.618))
-V5_THUMB = ((0.0, 1.78), (-0.26, 1.78), (-0.05, 1.85), (-0.09, 1.80))
-V5_LIMITS = (
-    *V5_FINGER,
-    *V5_FINGER,
-    *V5_FINGER,
-    *V5_THUMB,
-)  # rad, right hand of type A
 
 
 @dataclass(frozen=True)
@@ -346,17 +312,13 @@ class AllegroV5(HandDriver):
     """
 
     fastest_hz = 333.0
+    commands = ('/allegroHand_{0.number}/joint_cmd', JOINT_STATE)
+    joint_states = '/allegroHand_{0.number}/joint_states'
 
-    lower: Array = array(
-        [low for low, _ in V5_LIMITS], 'lowest position of each joint', 'rad', (16,)
-    )
-    upper: Array = array(
-        [high for _, high in V5_LIMITS], 'highest position of each joint', 'rad', (16,)
-    )
-    velocity: Array = array([2.0] * 16, 'fastest motion of each joint', 'rad/s', (16,), 1e-6, 20.0)
-    effort_scale: float = number(
-        1.0, 'torque per unit of `effort` in joint states; 0: it tells none', 'N m', 0.0, 1e3
-    )
+    lower: Array = array(V5_LIMITS[:, 0], LOWEST, 'rad', (16,))
+    upper: Array = array(V5_LIMITS[:, 1], HIGHEST, 'rad', (16,))
+    velocity: Array = array([2.0] * 16, FASTEST, 'rad/s', (16,), 1e-6, 20.0)
+    effort_scale: float = number(1.0, PER_EFFORT, 'N m', 0.0, 1e3)
     number: int = whole(0, 'number in allegroHand_<number>', 0, 99)
     description_topic: str = text_of(
         '/allegro_hand_description', 'topic of the URDF; {number} stands for that of the hand'
@@ -366,17 +328,6 @@ class AllegroV5(HandDriver):
     def joints(self) -> tuple[str, ...]:
         """Index, middle, ring, thumb."""
         return tuple(f'joint_{i}_0' for i in range(16))
-
-    @property
-    def topics(self) -> tuple[Topic, ...]:
-        """JointState of 16 positions."""
-        name = self.command_topic or f'/allegroHand_{self.number}/joint_cmd'
-        return (Topic(name, JOINT_STATE, self.fill),)
-
-    @property
-    def states(self) -> str:
-        """Joint states of the vendor's node; effort is what it commands."""
-        return self.state_topic or f'/allegroHand_{self.number}/joint_states'
 
     @property
     def description(self) -> str:
@@ -390,14 +341,12 @@ class AllegroV5(HandDriver):
         message.position = packed(command.position)
 
 
-PERIODS = 2.0  # of commands, within which no point is reached: joints would wait for the next
-
-
 @dataclass(frozen=True)
 class JointTrajectoryHand(HandDriver):
     """A hand whose joints are named here; the trajectory carries the names, so order is free."""
 
     fastest_hz = 250.0
+    commands = ('/joint_trajectory_controller/joint_trajectory', TRAJECTORY)
 
     names: tuple[str, ...] = texts(('finger_joint',), 'names of the joints')
     horizon_s: float = number(
@@ -409,14 +358,8 @@ class JointTrajectoryHand(HandDriver):
         """As named."""
         return self.names
 
-    @property
-    def topics(self) -> tuple[Topic, ...]:
-        """JointTrajectory of one point."""
-        shipped = '/joint_trajectory_controller/joint_trajectory'
-        return (Topic(self.command_topic or shipped, TRAJECTORY, self.fill),)
-
     def paced(self, rate_hz: float) -> JointTrajectoryHand:
-        """The same, with points at least two periods ahead."""
+        """The same, with points so far ahead that no joint waits for the next."""
         return replace(self, horizon_s=max(self.horizon_s, PERIODS / rate_hz))
 
     def fill(self, message: Message, command: GripCommand) -> None:
@@ -435,6 +378,7 @@ class QbSoftHand(HandDriver):
     """
 
     fastest_hz = 25.0
+    joint_states = '/{0.name}/joint_states'
 
     lower: Array = array([0.0], 'lowest position of each synergy', '1', (-1,), -1.0, 1.0)
     upper: Array = array([1.0], 'highest position of each synergy', '1', (-1,), -1.0, 1.0)
@@ -463,11 +407,6 @@ class QbSoftHand(HandDriver):
         kind = 'synergy' if self.motors == 1 else 'synergies'
         shipped = f'/{self.name}/{self.name}_{kind}_trajectory_controller/joint_trajectory'
         return (Topic(self.command_topic or shipped, TRAJECTORY, self.fill),)
-
-    @property
-    def states(self) -> str:
-        """Joint states of its joint_state_broadcaster."""
-        return self.state_topic or f'/{self.name}/joint_states'
 
     @classmethod
     def grip(cls) -> GripConfig:
