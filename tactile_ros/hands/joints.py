@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tactile_ros.control.config import Drive
-from tactile_ros.hands.kinematics import PadNormal
+from tactile_ros.hands.kinematics import FingerPath
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from tactile_ros.control import GripConfig
-    from tactile_ros.hands.description import Finger, HandDescription
+    from tactile_ros.hands.description import HandDescription
     from tactile_ros.hands.kinematics import RobotDescription
     from tactile_ros.types import Array, Integers, JointLimits
 
@@ -30,21 +30,12 @@ FULL_RATIO = 0.8  # of that gain below which a drive gives all its torque
 SOFTEST = 0.1  # stiffness of a soft object and its drive, of the drive's own
 
 
-class JointGuard:
+class JointLimiter:
     """Positions of a hand, clamped and rate limited, from the measured posture on.
 
     Limits, speed and distance to the measured joint hold at once, always: where they leave
-    nothing between them, nothing may be sent.
-
-    Parameters
-    ----------
-    joints : sequence of str, length j
-        Names, for sentences.
-    limits : JointLimits
-        Of the j joints.
-    most_offset : float
-        How far a target may lie from the measured joint: with the driver's gain it bounds the
-        torque (rad).
+    nothing between them, nothing may be sent. A target lies at most `most_offset` (rad) from the
+    measured joint: with the gain of the driver that bounds the torque.
     """
 
     def __init__(self, joints: Sequence[str], limits: JointLimits, most_offset: float) -> None:
@@ -61,18 +52,27 @@ class JointGuard:
         self.last = None
 
     def refusal(self, measured: Array, dt: float) -> str:
-        """Reason why nothing may be sent; empty: something may.
+        """Reason why nothing may be sent from measured joints (j,); empty: something may.
 
-        `measured` (j,) is where the joints are, dt the time since the last command (s).
+        `dt` is the time since the last command (s).
         """
-        if self.last is None:
+        lower, upper, last = self._limits.lower, self._limits.upper, self.last
+        if last is None:
             low, high = measured - self.slack, measured + self.slack
         else:
-            low, high = self._window(self.last, measured, dt)
-        astray = ~((low <= high) & (low <= self._limits.upper) & (high >= self._limits.lower))
+            low, high = self._window(last, measured, dt)
+        astray = ~((low <= high) & (low <= upper) & (high >= lower))
         if not astray.any():
             return ''
-        return self._sentence(int(np.flatnonzero(astray)[0]), measured)
+        worst, most = int(astray.argmax()), self._most_offset
+        name, at = self._joints[worst], float(measured[worst])
+        least, largest = float(lower[worst]), float(upper[worst])
+        if last is None or not least - most <= at <= largest + most:
+            return f'{name} was measured at {at:.3f}, beyond its limits {least:g} and {largest:g}'
+        return (
+            f'{name} was measured {abs(at - float(last[worst])):.3f} from its last command; at '
+            f'most {most:g} may lie between them'
+        )
 
     def _window(self, last: Array, measured: Array, dt: float) -> tuple[Array, Array]:
         """Bounds (j,) of what may be sent; where they cross, nothing may."""
@@ -81,37 +81,16 @@ class JointGuard:
         high = np.minimum(last + most, measured + self._most_offset)
         return np.maximum(low, limits.lower), np.minimum(high, limits.upper)
 
-    def _sentence(self, worst: int, measured: Array) -> str:
-        """Sentence on a joint."""
-        name, at = self._joints[worst], float(measured[worst])
-        low, high = float(self._limits.lower[worst]), float(self._limits.upper[worst])
-        last = self.last
-        if last is None or not low - self._most_offset <= at <= high + self._most_offset:
-            return f'{name} was measured at {at:.3f}, beyond its limits {low:g} and {high:g}'
-        return (
-            f'{name} was measured {abs(at - float(last[worst])):.3f} from its last command; at '
-            f'most {self._most_offset:g} may lie between them'
-        )
-
     def reachable(self, wanted: Array, measured: Array) -> Array:
         """Nearest targets (j,) that time alone will let through: speed is no stop."""
         low = np.maximum(measured - self._most_offset, self._limits.lower)
         return _between(wanted, low, np.minimum(measured + self._most_offset, self._limits.upper))
 
     def step(self, wanted: Array, measured: Array, dt: float) -> tuple[Array, bool]:
-        """Admit a command (j,), a time dt (s) after the last.
+        """Admit a command (j,), dt (s) after the last; False: it is as wanted.
 
-        Returns
-        -------
-        position : ndarray, shape (j,)
-            What may be sent; the last command where a target is NaN.
-        limited : bool
-            It is not what was wanted.
-
-        Raises
-        ------
-        ValueError
-            If it was not started, dt is below 0, or nothing may be sent (`refusal`).
+        Where a target is NaN the last command stays. ValueError if it was not started, dt is below
+        0, or nothing may be sent (`refusal`).
         """
         if self.last is None or not dt >= 0:
             msg = f'a command needs a measured start and dt of 0 or more; received dt {dt}'
@@ -147,38 +126,29 @@ class Guarded(NamedTuple):
 
 
 class HandJoints:
-    """Drives of the fingers that take part.
+    """Joints of the fingers of a hand that `drives` name, each moved by its closure.
 
-    Parameters
-    ----------
-    hand : HandDescription
-        Which hand.
-    drives : sequence of str, length a
-        Its fingers that are moved.
-    robot : RobotDescription or None
-        Where a finger's frame is one of its links, its pad moves along its normal.
+    With a `robot` a finger whose frame is one of its links moves its pad along its normal.
     """
 
     def __init__(
         self, hand: HandDescription, drives: Sequence[str], robot: RobotDescription | None = None
     ) -> None:
         driver = hand.driver
-        self._places = [_run_of(hand.places(name)) for name in drives]
-        self.fingers = [hand.fingers[name] for name in drives]
-        self._limits = driver.limits
-        self._scale = driver.effort_scale
+        self._limits, self._scale = driver.limits, driver.effort_scale
+        self._drives = [(hand.fingers[name], _run_of(hand.places(name))) for name in drives]
         self._paths = [_path(hand, name, robot) for name in drives]
-        self._beside = [np.zeros(len(finger.joints)) for finger in self.fingers]
-        self.guard = JointGuard(driver.joints, driver.limits, driver.most_offset)
+        self._beside = [np.zeros(len(finger.joints)) for finger, _ in self._drives]
+        self.limiter = JointLimiter(driver.joints, driver.limits, driver.most_offset)
         self._sent: deque[tuple[float, Array]] = deque(maxlen=16)
-        self._gain = np.zeros(len(driver.joints))  # largest torque per lead that efforts told
-        self._full = np.zeros(len(driver.joints), bool)
-        self._last_lead = np.full(len(driver.joints), nan)
+        count = len(driver.joints)
+        self._gain = np.zeros(count)  # largest torque per lead that efforts told
+        self._full, self._last_lead = np.zeros(count, bool), np.full(count, nan)
 
     def plants(self, config: GripConfig) -> list[Drive]:
         """Drives (a,) as the law has to know them."""
         made = []
-        for finger, place in zip(self.fingers, self._places, strict=True):
+        for finger, place in self._drives:
             low, high = config.stiffness_low, config.stiffness_high
             fastest, own = finger.fastest(self._limits.velocity[place]), finger.stiffness
             if isfinite(own):
@@ -188,12 +158,11 @@ class HandJoints:
 
     def closures_of(self, position: Array) -> Array:
         """Closures (a,) whose postures lie nearest to joint positions (j,)."""
-        pairs = zip(self._places, self.fingers, strict=True)
-        return np.array([finger.closure_of(position[place]) for place, finger in pairs])
+        return np.array([finger.closure_of(position[place]) for finger, place in self._drives])
 
     def lead(self, measured: Array, effort: Array | None, now_s: float, dead_time: float) -> Array:
         """Angles (j,) by which commands lead the joints, else torques over gains; NaN: unknown."""
-        if self.guard.last is not None and self._sent:
+        if self.limiter.last is not None and self._sent:
             due = [sent for at_s, sent in self._sent if at_s <= now_s - dead_time]
             return (due[-1] if due else self._sent[0][1]) - measured
         return self._torqued(effort, len(measured))
@@ -203,7 +172,7 @@ class HandJoints:
         lead = np.full(count, nan)
         if effort is None or not effort.any() or not self._scale:
             return lead
-        for finger, place in zip(self.fingers, self._places, strict=True):
+        for finger, place in self._drives:
             if finger.kp.all():
                 lead[place] = self._scale * effort[place] / finger.kp
         return lead
@@ -214,9 +183,8 @@ class HandJoints:
         The smaller of what leads and efforts tell: a command that has not come yet is no torque.
         """
         told = self._torqued(effort, len(lead))
-        pairs = list(zip(self.fingers, self._places, strict=True))
-        by_lead = np.array([finger.force_of(lead[place]) for finger, place in pairs])
-        by_effort = np.array([finger.force_of(told[place]) for finger, place in pairs])
+        by_lead = np.array([finger.force_of(lead[place]) for finger, place in self._drives])
+        by_effort = np.array([finger.force_of(told[place]) for finger, place in self._drives])
         return np.where(np.isnan(by_effort), by_lead, np.minimum(by_lead, by_effort))
 
     def take_effort(self, lead: Array, effort: Array | None) -> None:
@@ -236,7 +204,7 @@ class HandJoints:
 
     def stop(self) -> None:
         """The next command begins at the measured posture."""
-        self.guard.stop()
+        self.limiter.stop()
         self._sent.clear()
 
     def command(
@@ -266,43 +234,36 @@ class HandJoints:
         now_s : float
             Time of the command (s).
         """
-        first = self.guard.last is None
+        first = self.limiter.last is None
         if first:
-            held = np.where(np.isfinite(lead), lead, 0.0)
-            self.guard.start(measured + held)
-        wanted = np.array(self.guard.last)
+            self.limiter.start(measured + np.where(np.isfinite(lead), lead, 0.0))
+        wanted = np.array(self.limiter.last)
         effort = np.full(len(wanted), nan)
-        for a, (place, path, finger) in enumerate(
-            zip(self._places, self._paths, self.fingers, strict=True)
-        ):
-            on_path = path.joints(float(closures[a]), float(contacts[a]), dt)
+        for a, (finger, place) in enumerate(self._drives):
+            on_path = self._paths[a].joints(float(closures[a]), float(contacts[a]), dt)
             if first:
                 self._beside[a] = wanted[place] - on_path
             self._beside[a] = self._beside[a] * exp(-dt / EASE_S)
             wanted[place] = on_path + self._beside[a]
             effort[place] = finger.caps(forces[a])
-        position, limited = self.guard.step(wanted, measured, elapsed)
+        position, limited = self.limiter.step(wanted, measured, elapsed)
         self._sent.append((now_s, position))
         closure = reach = closures
         if limited:
-            near = self.guard.reachable(wanted, measured)
+            near = self.limiter.reachable(wanted, measured)
             reach = closures - self._behind(closures, contacts, wanted, near)
             closure = closures - self._behind(closures, contacts, wanted, position)
-        full = self._clipped(position, measured)
-        return Guarded(position, effort, limited, closure, reach, full)
-
-    def _clipped(self, position: Array, measured: Array) -> list[bool]:
-        """Drives (a,) of which a joint that carries the pad gives all its torque."""
-        return [
+        clipped = [
             finger.is_clipped(position[place] - measured[place])
             or bool((self._full[place] & (finger.lever != 0)).any())
-            for finger, place in zip(self.fingers, self._places, strict=True)
+            for finger, place in self._drives
         ]
+        return Guarded(position, effort, limited, closure, reach, clipped)
 
     def _behind(self, closures: Array, contacts: Array, wanted: Array, sent: Array) -> Array:
         """Shortfall of closure that each drive was sent (a,)."""
-        rows = zip(self.fingers, self._places, closures, contacts, strict=True)
-        return np.array([f.shortfall(c, k, wanted[p], sent[p]) for f, p, c, k in rows])
+        rows = zip(self._drives, closures, contacts, strict=True)
+        return np.array([f.shortfall(c, k, wanted[p], sent[p]) for (f, p), c, k in rows])
 
 
 def taking_part(hand: HandDescription, wanted: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -323,43 +284,21 @@ def _run_of(places: Integers) -> Integers | slice:
     return run if (places == np.arange(run.start, run.stop)).all() else places
 
 
-class Path:
-    """Joints of a finger on its path, and beyond the contact as its drives press."""
-
-    def __init__(self, finger: Finger) -> None:
-        self._finger = finger
-
-    def joints(self, closure: float, contact: float, _: float) -> Array:
-        """Joint targets (n,) of a closure that presses beyond its contact (NaN: does not)."""
-        finger = self._finger
-        if not closure > contact:  # also of NaN
-            return finger.posture(closure)
-        return finger.posture(contact) + finger.press * (closure - contact)
-
-
-def _path(hand: HandDescription, name: str, robot: RobotDescription | None) -> Path | PadNormal:
-    """Map a finger's closure to joints."""
+def _path(hand: HandDescription, name: str, robot: RobotDescription | None) -> FingerPath:
+    """Path of a finger: along its pad's normal where its frame is a link of a description."""
     finger, limits, place = hand.fingers[name], hand.driver.limits, hand.places(name)
-    if robot is None or not robot.has_link(finger.frame):
-        return Path(finger)
-    chain = robot.chain(finger.frame, finger.joints, hand.driver.tip_offset)
-    return PadNormal(finger, chain, limits.lower[place], limits.upper[place])
+    chain = None
+    if robot is not None and robot.has_link(finger.frame):
+        chain = robot.chain(finger.frame, finger.joints, hand.driver.tip_offset)
+    return FingerPath(finger, chain, limits.lower[place], limits.upper[place])
 
 
 class HandWatch:
-    """Compare joint states with commands.
+    """Compare joint states with commands: do they stand still, jump, or come from elsewhere.
 
-    Parameters
-    ----------
-    joints : sequence of str, length j
-        Names, for sentences.
-    velocity, slack : ndarray, shape (j,)
-        Fastest motion (1/s), and motion that tells nothing.
-    patience_s : float
-        A hand has moved so long after a command (s), or never will.
+    `velocity` and `slack` (j,) are fastest motion (1/s) and motion that tells nothing; a hand has
+    moved `patience_s` (s) after a command, or never will.
 
-    Notes
-    -----
     Frozen are joints that are all the same to the last bit while a command went further than the
     slack: encoders of a hand that is blocked flicker, and of many joints one gives way. Two
     sources of joint states make them jump there and back, faster than any joint moves.

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from math import exp
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
-from xml.parsers import expat
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -28,20 +27,11 @@ MOVING = ('revolute', 'continuous', 'prismatic')
 
 @dataclass(frozen=True)
 class Joint:
-    """One joint of a description.
+    """One joint of a description: its URDF type as `kind`, and its links.
 
-    Attributes
-    ----------
-    name, kind, parent, child : str
-        Its name, URDF type and links.
-    origin : ndarray, shape (4, 4)
-        Pose of its frame in that of the parent (m).
-    axis : ndarray, shape (3,)
-        Unit vector in its frame.
-    limits : tuple of float
-        lower, upper (rad, m), velocity, effort; NaN where the description is silent.
-    mimic : tuple of (str, float, float) or None
-        Joint that it follows, multiplier, offset.
+    `origin` (4, 4) is the pose of its frame in that of the parent (m), `axis` (3,) a unit vector
+    in its frame. `limits` are lower, upper (rad, m), velocity and effort, NaN where the
+    description is silent; `mimic` has the joint that it follows, multiplier and offset.
     """
 
     name: str
@@ -54,39 +44,25 @@ class Joint:
     mimic: tuple[str, float, float] | None
 
 
-def _root(text: str) -> ET.Element:
-    """Root element of a document without document type and entities."""
-    if len(text) > MOST_CHARACTERS:
-        msg = f'robot_description must be shorter than {MOST_CHARACTERS} characters'
-        raise ValueError(msg)
-    parser, builder = expat.ParserCreate(), ET.TreeBuilder()
-    depth = 0
+class _Builder(ET.TreeBuilder):
+    """Tree of a document; it refuses document types, which hold entities, and deep nesting."""
 
-    def refuse(*_: object) -> None:
+    _depth = 0
+
+    def doctype(self, *_: object) -> None:
         msg = 'robot_description must have no document type and no entities'
         raise ValueError(msg)
 
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal depth
-        depth += 1
-        if depth > MOST_DEPTH:
+    def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
+        self._depth += 1
+        if self._depth > MOST_DEPTH:
             msg = f'robot_description must be nested at most {MOST_DEPTH} deep'
             raise ValueError(msg)
-        builder.start(tag, attributes)
+        return super().start(tag, attrs)
 
-    def end(tag: str) -> None:
-        nonlocal depth
-        depth -= 1
-        builder.end(tag)
-
-    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    try:
-        parser.Parse(text, True)
-    except (expat.ExpatError, UnicodeError) as err:
-        msg = f'robot_description is no XML: {err}'
-        raise ValueError(msg) from err
-    return builder.close()
+    def end(self, tag: str, /) -> ET.Element:
+        self._depth -= 1
+        return super().end(tag)
 
 
 def _numbers(text: str | None, count: int, default: float, what: str) -> Array:
@@ -150,19 +126,19 @@ def _joint(element: ET.Element) -> Joint:
 class RobotDescription:
     """Joints of a URDF.
 
-    Parameters
-    ----------
-    text : str
-        The document.
-
-    Raises
-    ------
-    ValueError
-        With one sentence, where it is none, too large, or has a document type or entities.
+    ValueError with one sentence where the text is none, too large, or has a document type or
+    entities.
     """
 
     def __init__(self, text: str) -> None:
-        root = _root(text)
+        if len(text) > MOST_CHARACTERS:
+            msg = f'robot_description must be shorter than {MOST_CHARACTERS} characters'
+            raise ValueError(msg)
+        try:
+            root = ET.fromstring(text, ET.XMLParser(target=_Builder()))
+        except (ET.ParseError, UnicodeError) as err:
+            msg = f'robot_description is no XML: {err}'
+            raise ValueError(msg) from err
         if root.tag != 'robot':
             msg = f'robot_description must be a <robot>; received <{root.tag[:40]}>'
             raise ValueError(msg)
@@ -253,16 +229,9 @@ class RobotDescription:
 
 @dataclass(frozen=True)
 class Chain:
-    """Serial chain from the base of a finger to its pad.
+    """Serial chain of joints (`path`) from the base of a finger to its pad.
 
-    Attributes
-    ----------
-    path : tuple of Joint
-        From the base to the pad.
-    joints : tuple of str
-        Names of those that a position is given for.
-    tip_offset : float
-        By which the pad lies farther from the last of them (m).
+    Positions are given for `joints`; the pad lies by `tip_offset` (m) farther from the last.
     """
 
     path: tuple[Joint, ...]
@@ -270,19 +239,9 @@ class Chain:
     tip_offset: float = 0.0
 
     def pose_and_jacobian(self, position: Array) -> tuple[Array, Array]:
-        """Pose of the pad in the base, and how its origin moves.
+        """Pose (4, 4) of the pad in the base, and Jacobian (3, n) of its origin.
 
-        Parameters
-        ----------
-        position : ndarray, shape (n,)
-            Of `joints` (rad, m).
-
-        Returns
-        -------
-        pose : ndarray, shape (4, 4)
-            Of the link in the frame of the finger's first parent.
-        jacobian : ndarray, shape (3, n)
-            Velocity of the link's origin per joint velocity.
+        `position` (n,) is that of `joints` (rad, m).
         """
         pose = np.eye(4)
         columns: list[tuple[int, float, Array, Array, bool]] = []
@@ -320,17 +279,12 @@ DAMPING = 5e-3  # m per rad: near a singular posture the motion fades instead of
 EASE_S = 0.5  # time constant in which what the normal led is left
 
 
-class PadNormal:
-    """Path of a finger whose pad moves along its normal beyond the pre-grasp posture.
+class FingerPath:
+    """Joint targets of a finger by its closure: along its synergy, or along its pad's normal.
 
-    Parameters
-    ----------
-    finger : Finger
-        Whose joints move, as far as its synergy would.
-    chain : Chain
-        Of its pad, z out of the skin.
-    lower, upper : ndarray, shape (n,)
-        Limits of its joints.
+    Without a chain the joints follow the synergy. With the chain of a pad (z out of the skin) the
+    pad moves along its normal beyond the pre-grasp posture, inside of joint limits (n,). Beyond a
+    contact the joints press as the drives do.
 
     Notes
     -----
@@ -340,34 +294,43 @@ class PadNormal:
     carry the solution: no matrix is inverted.
     """
 
-    def __init__(self, finger: Finger, chain: Chain, lower: Array, upper: Array) -> None:
-        self.finger, self._chain = finger, chain
+    def __init__(self, finger: Finger, chain: Chain | None, lower: Array, upper: Array) -> None:
+        self._finger, self._chain = finger, chain
         self._lower, self._upper = lower, upper
         self._turned = np.zeros(len(finger.joints))  # what the normal has led beside the synergy
         self._closure = np.nan
 
-    def direction(self, position: Array) -> Array:
+    def joints(self, closure: float, contact: float, dt: float) -> Array:
+        """Joint targets (n,) of a closure beyond a contact (NaN: none), dt (s) after the last."""
+        finger = self._finger
+        at = contact if closure > contact else closure
+        position = finger.posture(at)
+        if self._chain is not None:
+            position = self._led(self._chain, position, at, dt)
+        if at == closure:
+            return position
+        return position + finger.press * (closure - at)
+
+    def _led(self, chain: Chain, on_path: Array, closure: float, dt: float) -> Array:
+        """Posture (n,) of a closure with what the pad's normal has led it beside the synergy."""
+        corner, before = self._finger.corner, self._closure
+        moved = max(closure, corner) - max(before if np.isfinite(before) else closure, corner)
+        self._closure = closure
+        if closure > corner:
+            way = self._direction(chain, on_path + self._turned) - self._finger.slope
+            turned = self._turned + moved * way
+        else:
+            turned = self._turned * exp(-dt / EASE_S)
+        position: Array = np.clip(on_path + turned, self._lower, self._upper)
+        self._turned = position - on_path
+        return position
+
+    def _direction(self, chain: Chain, position: Array) -> Array:
         """Motion of the joints (n,) per closure at joint positions (n,)."""
-        pose, jacobian = self._chain.pose_and_jacobian(position)
+        pose, jacobian = chain.pose_and_jacobian(position)
         u, s, vt = np.linalg.svd(jacobian, full_matrices=False)
         step: Array = vt.T @ (s / (s**2 + DAMPING**2) * (u.T @ pose[:3, 2]))
-        length, synergy = float(np.linalg.norm(step)), self.finger.slope
+        length, synergy = float(np.linalg.norm(step)), self._finger.slope
         if not length > 0 or step @ synergy <= 0:
             return synergy
         return step * (np.linalg.norm(synergy) / length)
-
-    def joints(self, closure: float, contact: float, dt: float) -> Array:
-        """Joint targets (n,) of a closure, a time dt (s) after the last; see `Path`."""
-        at = contact if closure > contact else closure
-        corner, before = self.finger.corner, self._closure if np.isfinite(self._closure) else at
-        on_path = self.finger.posture(at)
-        moved, self._closure = max(at, corner) - max(before, corner), at
-        turned = self._turned + moved * (
-            self.direction(on_path + self._turned) - self.finger.slope
-        )
-        if at <= corner:
-            turned = self._turned * exp(-dt / EASE_S)
-        position = np.clip(on_path + turned, self._lower, self._upper)
-        self._turned = position - on_path
-        pressed: Array = position + self.finger.press * (closure - at)
-        return pressed

@@ -105,7 +105,7 @@ class GripLoop:
             hand.fingers[name].reach(limits.lower[p], limits.upper[p], hand.driver.most_offset)
             for name, p in zip(names, places, strict=True)
         ]
-        self._guard = self._joints.guard
+        self._guard = self._joints.limiter
         reaction = config.stale_age + config.dead_time + config.lag
         self._watch = HandWatch(hand.driver.joints, limits.velocity, self._guard.slack, reaction)
         self._sequence: GraspSequence | None = None

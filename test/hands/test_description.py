@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Hands from yaml: the shipped ones, and what a file must not say."""
+"""Fingers, the shipped hands, and files that are none."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactile_ros.hands import Finger, list_drivers, list_hands, load_driver, load_hand
+from tactile_ros.hands import Finger, list_hands, load_hand
 from tactile_ros.hands.description import MOST_BYTES, folder, narrowed, parse
 from tactile_ros.types import JointLimits
 
@@ -22,7 +22,7 @@ FINGER = Finger(
 )  # fmt: skip
 
 
-def test_path_goes_through_its_three_postures_at_even_speed() -> None:
+def test_finger_path_has_three_postures_and_even_speed() -> None:
     corner = FINGER.corner
     assert corner == pytest.approx(0.5 / 1.5)
     np.testing.assert_allclose(FINGER.posture(0.0), FINGER.open)
@@ -30,35 +30,24 @@ def test_path_goes_through_its_three_postures_at_even_speed() -> None:
     np.testing.assert_allclose(FINGER.posture(1.0), FINGER.pre_grasp + FINGER.closing)
     speeds = [np.linalg.norm(FINGER.posture(c + 0.1) - FINGER.posture(c)) for c in (0.0, 0.2, 0.8)]
     np.testing.assert_allclose(speeds, 0.15)
-
-
-@given(st.floats(-0.2, 1.3))
-def test_closure_of_a_posture_on_the_path_is_its_closure(closure: float) -> None:
-    assert FINGER.closure_of(FINGER.posture(closure)) == pytest.approx(closure, abs=1e-12)
+    finger = Finger(joints=('a',), open=[0.0], pre_grasp=[0.0], closing=[0.8])
+    assert (finger.corner, finger.posture(0.5)) == (0.0, pytest.approx([0.4]))
+    assert finger.closure_of(np.array([-0.4])) == pytest.approx(-0.5)
 
 
 @given(st.lists(st.floats(-2, 2), min_size=3, max_size=3))
-def test_no_posture_of_the_path_is_nearer(position: list[float]) -> None:
+def test_finger_closure_of_a_position_is_the_nearest(position: list[float]) -> None:
     wanted = np.array(position)
-    nearest = np.linalg.norm(wanted - FINGER.posture(FINGER.closure_of(wanted)))
+    closure = FINGER.closure_of(wanted)
+    assert FINGER.closure_of(FINGER.posture(closure)) == pytest.approx(closure, abs=1e-12)
+    nearest = np.linalg.norm(wanted - FINGER.posture(closure))
     others = [np.linalg.norm(wanted - FINGER.posture(c)) for c in np.linspace(-3, 4, 141)]
     assert nearest <= min(others) + 1e-9
 
 
-def test_a_finger_that_is_open_at_its_pre_grasp_has_one_line() -> None:
-    finger = Finger(joints=('a',), open=[0.0], pre_grasp=[0.0], closing=[0.8])
-    assert finger.corner == 0
-    assert finger.posture(0.5) == pytest.approx([0.4])
-    assert finger.closure_of(np.array([-0.4])) == pytest.approx(-0.5)
-
-
-def test_the_first_joint_that_reaches_its_speed_bounds_the_closure() -> None:
-    rate = FINGER.fastest(np.array([1.0, 2.0, 0.3]))
+def test_finger_speed_and_caps_are_those_of_its_joints() -> None:
     # the last joint moves 0.8 rad over two thirds of the closure
-    assert rate == pytest.approx(0.3 / 1.2)
-
-
-def test_caps_hold_a_force_where_a_lever_is_told() -> None:
+    assert FINGER.fastest(np.array([1.0, 2.0, 0.3])) == pytest.approx(0.3 / 1.2)
     caps = FINGER.caps(4.0)
     np.testing.assert_allclose(caps, [0.15, 0.3, 0.18])
     assert np.isnan(replace(FINGER, lever=[0.0]).caps(4.0)).all()
@@ -74,7 +63,7 @@ def test_caps_hold_a_force_where_a_lever_is_told() -> None:
         ({'side': 2}, 'side of Finger must be a whole number from -1 to 1'),
     ],
 )
-def test_fingers_that_cannot_be_are_one_sentence(change: dict[str, object], sentence: str) -> None:
+def test_finger_refuses_in_one_sentence(change: dict[str, object], sentence: str) -> None:
     good = {
         'joints': ('a', 'b'), 'open': [0.0, 0.0], 'pre_grasp': [0.0, 0.0], 'closing': [1.0, 1.0],
     }  # fmt: skip
@@ -82,7 +71,7 @@ def test_fingers_that_cannot_be_are_one_sentence(change: dict[str, object], sent
         Finger(**{**good, **change})
 
 
-def test_a_shortfall_is_that_of_the_joint_that_comes_closest() -> None:
+def test_finger_shortfall_is_of_the_joint_that_comes_closest() -> None:
     finger = Finger(
         joints=('a', 'b', 'c'), open=np.zeros(3), pre_grasp=np.zeros(3),
         closing=np.array([1.0, -0.5, 0.0]),
@@ -93,6 +82,16 @@ def test_a_shortfall_is_that_of_the_joint_that_comes_closest() -> None:
     sent = np.array([0.3, wanted[1], 0.0])
     assert finger.shortfall(0.8, np.nan, wanted, sent) == 0.0
     assert finger.shortfall(0.8, np.nan, wanted, finger.posture(0.9)) == pytest.approx(-0.1)
+
+
+def test_finger_reach_is_that_of_its_weakest_joint() -> None:
+    soft = replace(FINGER, kp=[1.0, 1.0, 1.0], torque=[0.0, 0.2, 0.0])
+    # 1.3 N m/rad over at most 0.1 rad, or a clip at 0.2 N m, over levers of 50 and 20 mm
+    assert soft.reach(np.full(3, -9.0), np.full(3, 9.0), 0.1) == pytest.approx(0.13 / 0.05)
+    assert soft.reach(np.full(3, -9.0), np.full(3, 9.0), 0.4) == pytest.approx(0.2 / 0.05)
+    assert FINGER.reach(np.full(3, -9.0), np.full(3, 9.0), 0.1) == np.inf
+    assert soft.is_clipped(np.array([0.0, 0.2, 0.0]))
+    assert not soft.is_clipped(np.array([9.0, 0.1, 9.0]))
 
 
 GOOD = """
@@ -111,7 +110,7 @@ def document(**change: object) -> dict[str, object]:
 
 
 @pytest.mark.parametrize('name', list_hands())
-def test_every_shipped_hand_can_be_loaded_and_closed(name: str) -> None:
+def test_load_hand_closes_every_shipped_one(name: str) -> None:
     hand = load_hand(name)
     limits = hand.driver.limits
     for finger, entry in hand.fingers.items():
@@ -124,13 +123,7 @@ def test_every_shipped_hand_can_be_loaded_and_closed(name: str) -> None:
         assert entry.fastest(limits.velocity[place]) > hand.driver.grip().closing_rate
 
 
-def test_every_driver_has_a_hand() -> None:
-    used = {type(load_hand(name).driver) for name in list_hands()}
-    assert used == {load_driver(name) for name in list_drivers()}
-    assert {'allegro_v4', 'allegro_v5', 'allegro_plexus', 'qb_softhand'} <= {*list_hands()}
-
-
-def test_a_file_is_a_hand_too(tmp_path: Path) -> None:
+def test_load_hand_takes_a_file(tmp_path: Path) -> None:
     path = tmp_path / 'mine.yaml'
     path.write_text(GOOD)
     hand = load_hand(str(path))
@@ -139,7 +132,7 @@ def test_a_file_is_a_hand_too(tmp_path: Path) -> None:
     np.testing.assert_array_equal(hand.posture('pre_grasp', np.full(3, 0.7)), [0.2, 0.7, 0.4])
 
 
-def test_limits_of_a_description_draw_the_postures_inside() -> None:
+def test_with_limits_draws_the_postures_inside() -> None:
     hand = parse('mine', document())
     narrow = JointLimits(np.full(3, 0.25), np.full(3, 0.45), np.full(3, 2.0), np.full(3, np.inf))
     other = hand.with_limits(narrow)
@@ -154,14 +147,14 @@ def test_limits_of_a_description_draw_the_postures_inside() -> None:
         hand.with_limits(closed)
 
 
-def test_longer_tips_have_longer_levers_where_joints_bend_the_finger() -> None:
+def test_with_tips_lengthens_levers_where_joints_bend_the_finger() -> None:
     hand = load_hand('allegro_v4')
     hand = hand.driven_by(replace(hand.driver, tip_offset=0.005))
     assert hand.with_tips().fingers['index'].lever == pytest.approx([0.0, 0.121, 0.067, 0.029])
     assert hand.with_tips().fingers['thumb'].lever == pytest.approx([0.015, 0.0, 0.093, 0.042])
 
 
-def test_limits_that_a_user_drew_in_stay_so_under_a_description() -> None:
+def test_narrowed_keeps_limits_that_a_user_drew_in() -> None:
     def limits(low: float, high: float) -> JointLimits:
         return JointLimits(np.array([low, 0.0]), np.array([high, 1.0]), np.ones(2), np.ones(2))
 
@@ -180,7 +173,7 @@ def test_limits_that_a_user_drew_in_stay_so_under_a_description() -> None:
         ('joint_trajectory', {'names': ('jaw_a', 'jaw_b')}, 'jaw_a'),
     ],
 )
-def test_joints_that_a_driver_names_anew_are_those_of_the_fingers_by_place(
+def test_driven_by_renames_joints_by_place(
     name: str, change: dict[str, object], joint: str
 ) -> None:
     hand = load_hand(name)
@@ -189,14 +182,10 @@ def test_joints_that_a_driver_names_anew_are_those_of_the_fingers_by_place(
     assert other.fingers[first].joints[0] == joint
     for finger in hand.fingers:
         np.testing.assert_array_equal(other.places(finger), hand.places(finger))
-    same = hand.driven_by(hand.driver)
-    assert same.fingers == hand.fingers
-
-
-def test_a_driver_of_other_joints_in_part_is_refused() -> None:
-    hand = load_hand('joint_trajectory')
-    with pytest.raises(ValueError, match='lack right_finger_joint'):
-        hand.driven_by(replace(hand.driver, names=('left_finger_joint', 'x')))
+    assert hand.driven_by(hand.driver).fingers == hand.fingers
+    if name == 'joint_trajectory':
+        with pytest.raises(ValueError, match='lack right_finger_joint'):
+            hand.driven_by(replace(hand.driver, names=('left_finger_joint', 'x')))
 
 
 @pytest.mark.parametrize(
@@ -214,7 +203,7 @@ def test_a_driver_of_other_joints_in_part_is_refused() -> None:
         ({'options': {'names': 3}}, 'options of mine:'),
     ],
 )
-def test_what_cannot_be_is_one_sentence(change: dict[str, object], sentence: str) -> None:
+def test_parse_refuses_in_one_sentence(change: dict[str, object], sentence: str) -> None:
     with pytest.raises(ValueError, match='^' + sentence):
         parse('mine', document(**change))
 
@@ -226,7 +215,7 @@ def test_what_cannot_be_is_one_sentence(change: dict[str, object], sentence: str
         (['a'], [1.5], 'open of finger left of hand mine must lie within the limits'),
     ],
 )
-def test_fingers_fit_their_driver(joints: list, posture: list, sentence: str) -> None:
+def test_parse_fits_fingers_to_their_driver(joints: list, posture: list, sentence: str) -> None:
     content = document()
     content['fingers']['left'].update(joints=joints, open=posture)
     with pytest.raises(ValueError, match=sentence):
@@ -236,14 +225,14 @@ def test_fingers_fit_their_driver(joints: list, posture: list, sentence: str) ->
 @pytest.mark.parametrize(
     'text', ['{', 'a: &x [*x, *x]', '- 1', 'x' * (MOST_BYTES + 1), '!!python/object:os.system {}']
 )
-def test_a_file_that_is_no_hand_is_one_sentence(text: str, tmp_path: Path) -> None:
+def test_load_hand_refuses_a_hostile_file(text: str, tmp_path: Path) -> None:
     path = tmp_path / 'bad.yaml'
     path.write_text(text)
     with pytest.raises(ValueError, match=r'bad\.yaml'):
         load_hand(str(path))
 
 
-def test_an_unknown_name_lists_the_hands() -> None:
+def test_load_hand_lists_the_hands() -> None:
     with pytest.raises(ValueError, match=r'hand must be one of allegro_plexus.*, or a \.yaml'):
         load_hand('../config/hands/allegro_v4')
     with pytest.raises(ValueError, match='cannot be read'):

@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""What each driver is sent, letter for letter: topic, type, count, order, limits."""
+"""Interfaces of the drivers, letter for letter: topic, type, count, order, limits."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tactile_ros.hands import list_drivers, load_driver, load_hand
+from tactile_ros.hands import load_driver, load_hand
 from tactile_ros.hands.drivers import (
     TRAJECTORY,
-    HandDriver,
     in_order,
     read_command,
     read_joint_states,
@@ -22,41 +21,43 @@ from tactile_ros.types import GripCommand
 NUMBERS = 'std_msgs/msg/Float64MultiArray'
 THUMB_FIRST = [f'ah_joint{finger}{joint}' for finger in '0123' for joint in '0123']
 INDEX_FIRST = [f'joint_{i}_0' for i in range(16)]
-# hand: command topics with their types, state topic, joints, most commands a second
+ACTIVATE, START = 'ros2 control switch_controllers --activate ', 'start the driver of the hand, or'
+# hand: command topics with their types, state topic, joints, most commands a second, description
 INTERFACES = {
     'allegro_v4': (
         [('/allegro_hand_position_controller/commands', NUMBERS)],
-        '/joint_states', THUMB_FIRST, 100.0,
+        '/joint_states', THUMB_FIRST, 100.0, 'robot_description',
     ),
     'allegro_plexus': (
         [
             ('/allegro_hand_position_effort_controller/efforts', NUMBERS),
             ('/allegro_hand_position_effort_controller/commands', NUMBERS),
         ],
-        '/joint_states', THUMB_FIRST, 100.0,
+        '/joint_states', THUMB_FIRST, 100.0, 'robot_description',
     ),
     'allegro_v5': (
         [('/allegroHand_0/joint_cmd', 'sensor_msgs/msg/JointState')],
-        '/allegroHand_0/joint_states', INDEX_FIRST, 333.0,
+        '/allegroHand_0/joint_states', INDEX_FIRST, 333.0, '/allegro_hand_description',
     ),
     'allegro_v5_sense': (
         [('/allegroHand_0/joint_cmd', 'sensor_msgs/msg/JointState')],
         '/allegroHand_0/joint_states', INDEX_FIRST, 333.0,
+        '/allegroHand_0/allegro_hand_description',
     ),
     'qb_softhand': (
         [('/qbhand1/qbhand1_synergy_trajectory_controller/joint_trajectory',
           'trajectory_msgs/msg/JointTrajectory')],
-        '/qbhand1/joint_states', ['qbhand1_synergy_joint'], 25.0,
+        '/qbhand1/joint_states', ['qbhand1_synergy_joint'], 25.0, 'robot_description',
     ),
     'qb_softhand_2m': (
         [('/qbhand2m1/qbhand2m1_synergies_trajectory_controller/joint_trajectory',
           'trajectory_msgs/msg/JointTrajectory')],
         '/qbhand2m1/joint_states',
-        ['qbhand2m1_synergy_joint', 'qbhand2m1_manipulation_joint'], 25.0,
+        ['qbhand2m1_synergy_joint', 'qbhand2m1_manipulation_joint'], 25.0, 'robot_description',
     ),
     'joint_trajectory': (
         [('/joint_trajectory_controller/joint_trajectory', 'trajectory_msgs/msg/JointTrajectory')],
-        '/joint_states', ['left_finger_joint', 'right_finger_joint'], 250.0,
+        '/joint_states', ['left_finger_joint', 'right_finger_joint'], 250.0, 'robot_description',
     ),
 }  # fmt: skip
 
@@ -76,44 +77,26 @@ def command(count: int, effort: float = np.nan) -> GripCommand:
 
 
 @pytest.mark.parametrize('name', INTERFACES)
-def test_topics_types_order_and_rate(name: str) -> None:
-    topics, states, joints, rate = INTERFACES[name]
+def test_drivers_topics_types_order_and_rate(name: str) -> None:
+    topics, states, joints, rate, description = INTERFACES[name]
     driver = load_hand(name).driver
     assert [(topic.name, topic.kind) for topic in driver.topics] == topics
     assert driver.states == states
     assert list(driver.joints) == joints
     assert driver.fastest_hz == rate
     assert driver.grip().rate_hz <= rate
+    assert driver.description == description
+    controller = topics[-1][0].split('/')[1]
+    advice = ACTIVATE + controller if driver.controller else START
+    assert driver.remedy.startswith(advice)
+    assert ('--deactivate allegro_hand_position_controller' in driver.remedy) == (
+        name == 'allegro_plexus'
+    )
+    mine = type(driver)(command_topic='/my/command', state_topic='/my/states')
+    assert (mine.topics[-1].name, mine.states) == ('/my/command', '/my/states')
 
 
-@pytest.mark.parametrize(
-    ('name', 'topic', 'advice'),
-    [
-        ('allegro_v4', 'robot_description',
-         'ros2 control switch_controllers --activate allegro_hand_position_controller'),
-        ('allegro_plexus', 'robot_description', 'ros2 control switch_controllers --activate '
-         'allegro_hand_position_effort_controller --deactivate allegro_hand_position_controller'),
-        ('allegro_v5', '/allegro_hand_description', 'start the driver of the hand'),
-        ('allegro_v5_pinch', '/allegro_hand_description', 'start the driver of the hand'),
-        ('allegro_v5_sense', '/allegroHand_0/allegro_hand_description', 'start the driver'),
-        ('qb_softhand', 'robot_description', 'start the driver of the hand'),
-    ],
-)  # fmt: skip
-def test_every_hand_knows_its_description_and_its_start(
-    name: str, topic: str, advice: str
-) -> None:
-    driver = load_hand(name).driver
-    assert (driver.description, driver.remedy[: len(advice)]) == (topic, advice)
-
-
-@pytest.mark.parametrize('name', ['allegro_v4', 'allegro_plexus'])
-def test_ros2_control_hands_get_sixteen_numbers(name: str) -> None:
-    message = blank()
-    load_hand(name).driver.fill(message, command(16))
-    np.testing.assert_array_equal(message.data, np.arange(16) / 100)
-
-
-def test_v5_gets_sixteen_names_and_positions_with_a_stamp() -> None:
+def test_allegro_v5_fills_sixteen_names_and_positions_with_a_stamp() -> None:
     message = blank()
     load_hand('allegro_v5').driver.fill(message, command(16))
     assert message.name == INDEX_FIRST
@@ -122,7 +105,7 @@ def test_v5_gets_sixteen_names_and_positions_with_a_stamp() -> None:
 
 
 @pytest.mark.parametrize('name', ['qb_softhand', 'qb_softhand_2m', 'joint_trajectory'])
-def test_trajectories_are_one_near_point_from_now(name: str) -> None:
+def test_trajectory_drivers_fill_one_near_point_from_now(name: str) -> None:
     message, driver = blank(), load_hand(name).driver
     driver.fill(message, command(len(driver.joints)))
     assert message.joint_names == list(driver.joints)
@@ -137,9 +120,7 @@ def test_trajectories_are_one_near_point_from_now(name: str) -> None:
 
 
 @pytest.mark.parametrize(('rate_hz', 'horizon_s'), [(25.0, 0.08), (100.0, 0.02), (250.0, 0.02)])
-def test_a_joint_moves_on_until_the_next_point_at_whatever_rate(
-    rate_hz: float, horizon_s: float
-) -> None:
+def test_paced_keeps_a_joint_moving_until_the_next_point(rate_hz: float, horizon_s: float) -> None:
     hand = load_hand('joint_trajectory').paced(rate_hz)
     message, driver = blank(), hand.driver
     joints = MockHand(driver.limits, np.zeros(2))
@@ -155,13 +136,7 @@ def test_a_joint_moves_on_until_the_next_point_at_whatever_rate(
     assert min(moved[40:]) > 0.5 * max(moved[40:]) > 0.0
 
 
-def test_other_drivers_are_the_same_at_whatever_rate() -> None:
-    for name in set(INTERFACES) - {'joint_trajectory'}:
-        hand = load_hand(name)
-        assert hand.paced(10.0).driver is hand.driver
-
-
-def test_plexus_caps_are_never_above_what_its_driver_allows() -> None:
+def test_allegro_plexus_caps_no_higher_than_its_driver_allows() -> None:
     driver = load_hand('allegro_plexus').driver
     for effort, sent in ((0.1, 0.1), (np.nan, 0.345), (5.0, 0.345), (-1.0, 0.0)):
         message = blank()
@@ -169,7 +144,7 @@ def test_plexus_caps_are_never_above_what_its_driver_allows() -> None:
         np.testing.assert_allclose(message.data, sent)
 
 
-def test_limits_are_those_of_the_hands() -> None:
+def test_drivers_limits() -> None:
     v4, v5 = load_hand('allegro_v4').driver.limits, load_hand('allegro_v5').driver.limits
     assert (v4.lower[0], v4.upper[0]) == (0.263, 1.396)
     assert (v5.lower[0], v5.upper[0]) == (-0.47, 0.47)
@@ -181,50 +156,29 @@ def test_limits_are_those_of_the_hands() -> None:
     assert (two.lower.tolist(), two.upper.tolist()) == ([0, -1], [1, 1])
 
 
-@pytest.mark.parametrize('name', list_drivers())
-def test_topics_are_parameters(name: str) -> None:
-    kind = load_driver(name)
-    driver = kind(command_topic='/my/command', state_topic='/my/states')
-    assert driver.topics[-1].name == '/my/command'
-    assert driver.states == '/my/states'
-
-
 @pytest.mark.parametrize(
     ('name', 'change', 'sentence'),
     [
         ('allegro_v4', {'lower': [0.0]}, r'lower of AllegroV4 must have shape \(16,\)'),
         ('allegro_v5', {'upper': [-2.0] * 16}, 'lower of JointLimits must be below upper'),
         ('allegro_v5', {'effort': [-0.5] * 16}, 'effort of AllegroV5 must be finite and from'),
-        (
-            'qb_softhand',
-            {'motors': 2},
-            'lower of QbSoftHand must have one number for each of its',
-        ),
+        ('qb_softhand', {'motors': 2}, 'lower of QbSoftHand must have one number for each of its'),
         ('qb_softhand', {'upper': [1.5]}, 'upper of QbSoftHand must be finite and from -1'),
-        (
-            'joint_trajectory',
-            {'names': ('a;b',)},
-            'a joint of JointTrajectoryHand must be',
-        ),
+        ('joint_trajectory', {'names': ('a;b',)}, 'a joint of JointTrajectoryHand must be'),
     ],
 )
-def test_what_cannot_be_is_one_sentence(
+def test_drivers_refuse_in_one_sentence(
     name: str, change: dict[str, object], sentence: str
 ) -> None:
     with pytest.raises(ValueError, match='^' + sentence):
         load_driver(name)(**change)
 
 
-def test_a_driver_must_say_what_it_is() -> None:
-    with pytest.raises(NotImplementedError):
-        HandDriver()
-
-
 def states(names: list[str], position: list[float]) -> SimpleNamespace:
     return SimpleNamespace(name=names, position=position)
 
 
-def test_joint_states_are_read_by_name_among_others() -> None:
+def test_read_joint_states_by_name_among_others() -> None:
     message = states(['elbow', 'b', 'a'], [9.0, 2.0, 1.0])
     np.testing.assert_array_equal(read_joint_states(message, ('a', 'b')), [1.0, 2.0])
     assert read_joint_states(states(['elbow'], [9.0]), ('a', 'b')) is None
@@ -238,13 +192,13 @@ def test_joint_states_are_read_by_name_among_others() -> None:
         (states(['a', 'b'], [1.0, float('nan')]), 'must be finite'),
     ],
 )
-def test_damaged_joint_states_are_refused(message: SimpleNamespace, sentence: str) -> None:
+def test_read_joint_states_refuses_damaged_ones(message: SimpleNamespace, sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         read_joint_states(message, ('a', 'b'))
 
 
 @pytest.mark.parametrize('name', INTERFACES)
-def test_a_driver_takes_what_its_adapter_writes(name: str) -> None:
+def test_read_command_takes_what_fill_writes(name: str) -> None:
     driver = load_hand(name).driver
     wanted = command(len(driver.joints), 0.2)
     for topic in driver.topics:
@@ -255,7 +209,7 @@ def test_a_driver_takes_what_its_adapter_writes(name: str) -> None:
         np.testing.assert_array_equal(values, wanted.effort if effort else wanted.position)
 
 
-def test_order_names_what_is_missing() -> None:
+def test_in_order_names_the_missing() -> None:
     np.testing.assert_array_equal(in_order(('a', 'b', 'c'), ('c', 'a')), [2, 0])
     with pytest.raises(ValueError, match='lack x'):
         in_order(('a', 'b'), ('a', 'x'))

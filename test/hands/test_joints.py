@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""The fake hand moves as late, as slowly and as far as it is told to."""
+"""Joints of a hand: commands, the limiter, the watch, and the fake hand that follows."""
 
 from __future__ import annotations
 
@@ -10,25 +10,12 @@ from hypothesis import strategies as st
 
 from tactile_ros.control import GripConfig
 from tactile_ros.hands import load_hand
-from tactile_ros.hands.joints import (
-    Guarded,
-    HandJoints,
-    HandWatch,
-    JointGuard,
-    taking_part,
-)
+from tactile_ros.hands.joints import Guarded, HandJoints, HandWatch, JointLimiter, taking_part
 from tactile_ros.nodes.mock_hand_node import MockHand
 from tactile_ros.types import JointLimits
 
 HAND = load_hand('joint_trajectory')
-LIMITS = HAND.driver.limits
 MEASURED = np.array([0.3, 0.5])
-
-
-def joints() -> HandJoints:
-    return HandJoints(HAND, ['left', 'right'])
-
-
 NONE = np.full(2, np.nan)
 
 
@@ -36,35 +23,29 @@ def command(made: HandJoints, closures: np.ndarray) -> Guarded:
     return made.command(closures, NONE, [0.0, 0.0], MEASURED, NONE, 0.01, 0.01, 0.0)
 
 
-def test_the_first_command_is_the_measured_posture_whatever_the_path() -> None:
-    made = joints()
-    sent = command(made, made.closures_of(MEASURED))
+def test_hand_joints_begin_as_measured_and_a_drive_that_lacks_time_is_not_stopped() -> None:
+    made = HandJoints(HAND, ['left', 'right'])
+    start = made.closures_of(MEASURED)
+    sent = command(made, start)
     np.testing.assert_allclose(sent.position, MEASURED, atol=1e-12)
     assert not sent.limited
     assert np.isnan(sent.effort).all()
-
-
-def test_a_drive_that_only_lacks_time_is_not_stopped_and_one_at_its_offset_is() -> None:
-    made = joints()
-    start = made.closures_of(MEASURED)
-    command(made, start)
     near = command(made, start + 0.1)
     assert near.limited
-    np.testing.assert_allclose(near.position - MEASURED, LIMITS.velocity * 0.01)
+    np.testing.assert_allclose(near.position - MEASURED, HAND.driver.limits.velocity * 0.01)
     np.testing.assert_allclose(near.reach, start + 0.1)
     np.testing.assert_allclose(near.closure, made.closures_of(near.position), atol=1e-9)
-    far = command(made, start + 2.0)
-    assert (far.reach < start + 1.0).all()
+    assert (command(made, start + 2.0).reach < start + 1.0).all()
 
 
-def test_speed_of_the_slowest_joint_is_that_of_the_hand() -> None:
+def test_hand_joints_plants_are_as_fast_as_the_slowest_joint() -> None:
     slopes = [np.abs(finger.slope).max() for finger in HAND.fingers.values()]
-    plants = joints().plants(GripConfig())
+    plants = HandJoints(HAND, ['left', 'right']).plants(GripConfig())
     assert min(one.fastest for one in plants) == pytest.approx(1.0 / max(slopes), rel=0.2)
     assert not any(one.is_soft for one in plants)
 
 
-def test_drives_tell_the_force_of_a_pad_by_their_lead_and_by_their_torques() -> None:
+def test_hand_joints_tell_the_force_of_a_pad_by_lead_and_by_torque() -> None:
     """Torques J^T f over gains: the pad presses along its normal, and nothing else."""
     hand = load_hand('allegro_v4')
     made, finger = HandJoints(hand, ['index']), hand.fingers['index']
@@ -90,7 +71,7 @@ def test_drives_tell_the_force_of_a_pad_by_their_lead_and_by_their_torques() -> 
 
 
 @pytest.mark.parametrize(('late', 'clip', 'full'), [(0.1, 9.0, False), (0.0, 0.2, True)])
-def test_efforts_tell_a_full_drive_and_no_late_command(
+def test_hand_joints_learn_a_full_drive_from_efforts_and_no_late_command(
     late: float, clip: float, full: bool
 ) -> None:
     hand = load_hand('allegro_v5_pinch')
@@ -110,16 +91,14 @@ def test_efforts_tell_a_full_drive_and_no_late_command(
     assert guarded.clipped == [full]
 
 
-def test_sensors_that_take_part_are_those_of_the_fingers() -> None:
+def test_taking_part_are_the_sensors_of_the_fingers() -> None:
     assert taking_part(HAND, ()) == (['left', 'right'], ['left', 'right'])
     assert taking_part(HAND, ('right',)) == (['right'], ['right'])
     with pytest.raises(ValueError, match="fingers must be of left, right; received 'nose'"):
         taking_part(HAND, ('nose',))
 
 
-TEST_JOINT_GUARD_LIMITS = JointLimits(
-    np.array([-0.5, 0.0]), np.array([1.0, 2.0]), np.array([2.0, 1.0]), np.ones(2)
-)
+LIMITS = JointLimits(np.array([-0.5, 0.0]), np.array([1.0, 2.0]), np.array([2.0, 1.0]), np.ones(2))
 OFFSET = 0.3
 STILL = np.array([0.2, 0.5])
 ANYTHING = st.lists(
@@ -129,18 +108,18 @@ ANYTHING = st.lists(
 INSIDE = st.tuples(st.floats(-0.5, 1.0), st.floats(0.0, 2.0))
 
 
-def guard(start: object = None) -> JointGuard:
-    made = JointGuard(('a', 'b'), TEST_JOINT_GUARD_LIMITS, OFFSET)
+def limiter(start: object = None, offset: float = OFFSET) -> JointLimiter:
+    made = JointLimiter(('a', 'b'), LIMITS, offset)
     if start is not None:
         made.start(np.array(start))
     return made
 
 
 @given(INSIDE, st.lists(st.tuples(ANYTHING, ANYTHING, st.floats(0.0, 0.1)), max_size=20))
-def test_limits_speed_and_offset_hold_at_once_or_nothing_is_sent(
+def test_joint_limiter_holds_limits_speed_and_offset_at_once_or_sends_nothing(
     start: tuple[float, float], steps: list[tuple[list[float], list[float], float]]
 ) -> None:
-    made = guard(start)
+    made = limiter(start)
     before = made.last
     np.testing.assert_array_equal(before, start)
     for wanted, felt, dt in steps:
@@ -149,94 +128,62 @@ def test_limits_speed_and_offset_hold_at_once_or_nothing_is_sent(
             with pytest.raises(ValueError, match='was measured'):
                 made.step(np.array(wanted), measured, dt)
             continue
-        position, _ = made.step(np.array(wanted), measured, dt)
-        assert (position >= TEST_JOINT_GUARD_LIMITS.lower).all()
-        assert (position <= TEST_JOINT_GUARD_LIMITS.upper).all()
-        assert (np.abs(position - before) <= TEST_JOINT_GUARD_LIMITS.velocity * dt + 1e-12).all()
+        position, limited = made.step(np.array(wanted), measured, dt)
+        assert (position >= LIMITS.lower).all()
+        assert (position <= LIMITS.upper).all()
+        assert (np.abs(position - before) <= LIMITS.velocity * dt + 1e-12).all()
         assert (np.abs(position - measured) <= OFFSET + 1e-12).all()
+        assert limited == (not np.allclose(position, wanted, rtol=0.0, atol=1e-12))
         before = position
 
 
-def test_a_target_stays_near_the_measured_joint() -> None:
-    made = guard(STILL)
-    for _ in range(100):
-        position, limited = made.step(np.array([0.9, 0.6]), STILL, 0.05)
-    np.testing.assert_allclose(position, [0.5, 0.6])
-    assert limited
-
-
-def test_a_joint_that_is_pushed_away_takes_its_target_with_it() -> None:
-    made, measured = guard(STILL), STILL.copy()
+def test_joint_limiter_takes_the_target_of_a_joint_that_is_pushed_with_it() -> None:
+    made, measured = limiter(STILL), STILL.copy()
     for _ in range(20):
         measured = measured - 0.02
-        assert not made.refusal(measured, 0.05)
         position, _ = made.step(STILL, measured, 0.05)
-        assert (np.abs(position - measured) <= OFFSET + 1e-12).all()
     np.testing.assert_allclose(position, measured + OFFSET)
-
-
-def test_a_joint_that_jumps_is_refused_and_named() -> None:
-    made = guard(STILL)
-    assert made.refusal(STILL + np.array([0.0, 1.2]), 0.01) == (
-        'b was measured 1.200 from its last command; at most 0.3 may lie between them'
-    )
-    assert made.refusal(np.array([np.nan, 0.5]), 0.01).startswith('a was measured at nan')
-    assert not made.refusal(STILL, 0.01)
-
-
-def test_a_start_beyond_the_limits_is_refused_and_no_more_than_slack_is_clipped() -> None:
-    made = guard()
-    assert made.refusal(np.array([2.5, 0.5]), 0.01) == (
-        'a was measured at 2.500, beyond its limits -0.5 and 1'
-    )
-    # a twentieth of the range
-    assert not made.refusal(np.array([1.07, -0.09]), 0.01)
-    assert made.refusal(np.array([1.08, 0.0]), 0.01)
-    made.start(np.array([1.07, -0.09]))
-    np.testing.assert_array_equal(made.last, [1.0, 0.0])
-
-
-def test_a_first_command_is_no_further_from_the_joint_than_any_other() -> None:
-    made = JointGuard(('a', 'b'), TEST_JOINT_GUARD_LIMITS, 0.01)
-    assert made.refusal(np.array([1.05, 0.5]), 0.01)
-    measured = np.array([1.009, 0.5])
-    assert not made.refusal(measured, 0.01)
-    made.start(measured)
-    position, _ = made.step(measured, measured, 0.01)
-    np.testing.assert_array_equal(position, [1.0, 0.5])
-
-
-def test_a_target_that_may_be_sent_is_not_limited_and_nan_keeps_the_last() -> None:
-    made = guard(STILL)
-    position, limited = made.step(STILL + 0.01, STILL, 0.05)
-    np.testing.assert_array_equal(position, STILL + 0.01)
-    assert not limited
-    position, limited = made.step(np.array([np.nan, 0.5]), STILL, 0.05)
-    np.testing.assert_allclose(position, [0.21, 0.5])
+    position, limited = made.step(np.array([np.nan, 0.2]), measured, 0.05)  # NaN keeps the last
+    np.testing.assert_allclose(position, [measured[0] + OFFSET, measured[1] + OFFSET - 0.05])
     assert limited
 
 
-@pytest.mark.parametrize('dt', [-0.1, np.nan])
-def test_without_a_start_or_time_nothing_is_admitted(dt: float) -> None:
-    made = guard()
-    with pytest.raises(ValueError, match='needs a measured start'):
-        made.step(np.zeros(2), np.zeros(2), 0.01)
-    made.start(np.zeros(2))
-    with pytest.raises(ValueError, match='dt of 0 or more'):
-        made.step(np.zeros(2), np.zeros(2), dt)
-    made.stop()
-    with pytest.raises(ValueError, match='needs a measured start'):
-        made.step(np.zeros(2), np.zeros(2), 0.01)
+@pytest.mark.parametrize(
+    ('start', 'offset', 'measured', 'said'),
+    [
+        (STILL, OFFSET, STILL, ''),
+        (STILL, OFFSET, [0.2, 1.7],
+         'b was measured 1.200 from its last command; at most 0.3 may lie between them'),
+        (STILL, OFFSET, [np.nan, 0.5], 'a was measured at nan, beyond its limits -0.5 and 1'),
+        (None, OFFSET, [2.5, 0.5], 'a was measured at 2.500, beyond its limits -0.5 and 1'),
+        # a twentieth of the range, and no more than the offset
+        (None, OFFSET, [1.07, -0.09], ''),
+        (None, OFFSET, [1.08, 0.0], 'a was measured at 1.080, beyond its limits -0.5 and 1'),
+        (None, 0.01, [1.05, 0.5], 'a was measured at 1.050, beyond its limits -0.5 and 1'),
+        (None, 0.01, [1.009, 0.5], ''),
+    ],
+)  # fmt: skip
+def test_joint_limiter_refuses_by_name(
+    start: object, offset: float, measured: object, said: str
+) -> None:
+    made = limiter(start, offset)
+    assert made.refusal(np.array(measured), 0.01) == said
+    if start is None and not said:
+        made.start(np.array(measured))
+        np.testing.assert_array_equal(made.last, np.clip(measured, LIMITS.lower, LIMITS.upper))
 
 
-SLACK = np.array([0.05, 0.05])
+@pytest.mark.parametrize(('start', 'dt'), [(None, 0.01), (STILL, -0.1), (STILL, np.nan)])
+def test_joint_limiter_admits_nothing_without_a_start_or_time(start: object, dt: float) -> None:
+    with pytest.raises(ValueError, match='needs a measured start and dt of 0 or more'):
+        limiter(start).step(STILL, STILL, dt)
 
 
 def watch() -> HandWatch:
-    return HandWatch(('a', 'b'), np.ones(2), SLACK, 0.3)
+    return HandWatch(('a', 'b'), np.ones(2), np.array([0.05, 0.05]), 0.3)
 
 
-def test_the_same_posture_again_and_again_while_commands_move_is_frozen() -> None:
+def test_hand_watch_finds_joints_that_freeze_while_commands_move() -> None:
     made, still = watch(), np.array([0.2, 0.5])
     for k in range(50):
         made.take(still, 0.01 * k)
@@ -249,7 +196,7 @@ def test_the_same_posture_again_and_again_while_commands_move_is_frozen() -> Non
     assert not made.frozen(9.0)
 
 
-def test_a_hand_at_rest_and_one_that_flickers_are_not() -> None:
+def test_hand_watch_passes_a_hand_at_rest_and_one_that_flickers() -> None:
     rest, blocked = watch(), watch()
     for k in range(500):
         rest.take(np.array([0.2, 0.5]), 0.01 * k)
@@ -260,7 +207,7 @@ def test_a_hand_at_rest_and_one_that_flickers_are_not() -> None:
         assert not blocked.frozen(0.01 * k)
 
 
-def test_a_hand_that_was_moved_by_others_is_named_and_one_on_its_way_is_not() -> None:
+def test_hand_watch_names_a_hand_that_others_moved() -> None:
     made = watch()
     assert not made.strayed()
     made.take(np.array([0.2, 0.5]), 0.0)
@@ -272,7 +219,7 @@ def test_a_hand_that_was_moved_by_others_is_named_and_one_on_its_way_is_not() ->
     assert made.strayed() == 'b came back 0.880 from its last command: it was moved by others'
 
 
-def test_two_sources_of_joint_states_are_named_and_no_motion_or_knock_is_one() -> None:
+def test_hand_watch_names_two_sources_and_no_motion_or_knock() -> None:
     made, there = watch(), np.array([0.2, 0.5])
     for k, moved in enumerate([0.0, 0.01, 0.9, 0.91, 0.95, 0.9]):  # others move it once
         made.take(there + np.array([0.0, moved]), 0.01 * k)
@@ -286,31 +233,17 @@ def test_two_sources_of_joint_states_are_named_and_no_motion_or_knock_is_one() -
     assert not made.conflicts(1.4)
 
 
-TEST_MOCK_HAND_LIMITS = JointLimits(np.zeros(2), np.ones(2), np.array([100.0, 0.5]), np.ones(2))
-
-
-def test_a_position_loop_follows_with_its_lag_and_its_speed() -> None:
-    hand = MockHand(TEST_MOCK_HAND_LIMITS, np.zeros(2), lag_s=0.1)
+def test_mock_hand_follows_with_its_lag_its_speed_and_its_limits() -> None:
+    limits = JointLimits(np.zeros(2), np.ones(2), np.array([100.0, 0.5]), np.ones(2))
+    hand = MockHand(limits, np.zeros(2), lag_s=0.1)
     hand.command(np.array([0.8, 0.8]))
     for _ in range(100):
         position = hand.step(0.001)
-    assert position[0] == pytest.approx(0.8 * (1 - np.exp(-1)), rel=1e-9)
-    assert position[1] == pytest.approx(0.05)
-
-
-def test_a_command_acts_after_the_dead_time_and_arrives_at_the_horizon() -> None:
-    hand = MockHand(TEST_MOCK_HAND_LIMITS, np.zeros(2), dead_time_s=0.1)
-    hand.command(np.array([0.4, 0.0]), 0.2)
-    track = [hand.step(0.01)[0] for _ in range(40)]
-    assert track[8] == 0
-    assert track[19] == pytest.approx(0.22, abs=0.03)
-    assert track[30] == pytest.approx(0.4, abs=1e-6)
-
-
-def test_it_stops_at_its_limits() -> None:
-    hand = MockHand(TEST_MOCK_HAND_LIMITS, np.full(2, 5.0))
-    np.testing.assert_array_equal(hand.position, [1.0, 1.0])
-    hand.command(np.array([-3.0, 9.0]))
-    for _ in range(500):
-        position = hand.step(0.01)
-    np.testing.assert_allclose(position, [0.0, 1.0], atol=1e-9)
+    assert position == pytest.approx([0.8 * (1 - np.exp(-1)), 0.05], rel=1e-9)
+    late = MockHand(limits, np.full(2, 5.0), dead_time_s=0.1)
+    np.testing.assert_array_equal(late.position, [1.0, 1.0])
+    late.command(np.array([0.4, 9.0]), 0.2)
+    track = np.array([late.step(0.01) for _ in range(40)])
+    assert track[8, 0] == 1.0
+    assert track[19, 0] == pytest.approx(0.67, abs=0.03)
+    assert track[30] == pytest.approx([0.4, 1.0], abs=1e-6)
