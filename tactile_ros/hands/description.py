@@ -205,7 +205,8 @@ class Finger:
         if not self.lever.any():
             return np.full(len(self.joints), np.nan)
         lever = np.abs(self.lever)
-        return np.maximum(lever, SIDEWAYS * lever.max()) * force + self.free_effort
+        caps: Array = np.maximum(lever, SIDEWAYS * lever.max()) * force + self.free_effort
+        return caps
 
 
 T = TypeVar('T')

@@ -2,8 +2,8 @@
 """Control loop of a grip: contacts and joint states to joint commands, without ROS.
 
 Time is an argument everywhere: seconds of a clock that never jumps. The law decides closures, the
-hand turns them into joints, the guard has the last word. New forces of all fingers trigger a step,
-the clock where they fail to come; the time between two steps is that between their stamps.
+hand turns them into joints, the limiter has the last word. New forces of all fingers trigger a
+step, the clock where they fail to come; the time between two steps is that between their stamps.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ STEP_S = 0.05  # change between wall and monotonic clock from one message to the
 class Decision:
     """One step: the law's, the command that is sent (None: nothing), and why what was not.
 
-    `limited`: the law or the guard changed the command. `refusal`: why the law's own was not sent.
+    `limited`: the law or the limiter changed the command. `refusal`: why its own was not sent.
     `ended`: the grasp that ended in this step. `lost`: why what was held after its grasp is held
     no more, in the step that finds it. Both texts are empty otherwise.
     """
@@ -105,9 +105,9 @@ class GripLoop:
             hand.fingers[name].reach(limits.lower[p], limits.upper[p], hand.driver.most_offset)
             for name, p in zip(names, places, strict=True)
         ]
-        self._guard = self._joints.limiter
+        self._limiter = self._joints.limiter
         reaction = config.stale_age + config.dead_time + config.lag
-        self._watch = HandWatch(hand.driver.joints, limits.velocity, self._guard.slack, reaction)
+        self._watch = HandWatch(hand.driver.joints, limits.velocity, self._limiter.slack, reaction)
         self._sequence: GraspSequence | None = None
         self._kept = GraspSequence(config)  # the last one
         count = len(self.fingers)
@@ -369,7 +369,7 @@ class GripLoop:
             self._lost_s = inf
             return strayed
         frozen = '' if self._is_silent(now_s) else self._watch.frozen(now_s)
-        return frozen or self._guard.refusal(self._measured, elapsed)
+        return frozen or self._limiter.refusal(self._measured, elapsed)
 
     def _is_silent(self, now_s: float) -> bool:
         """Joint states are missed: the law says so."""
@@ -384,7 +384,7 @@ class GripLoop:
         now_s: float,
         stamp_ns: int,
     ) -> tuple[GripCommand, bool]:
-        """Joints of the law's closures, and whether the guard changed them."""
+        """Joints of the law's closures, and whether the limiter changed them."""
         forces = [0.0] * len(self._closure)
         for drive, force in zip(self._drive_of, made.target_force.tolist(), strict=True):
             forces[drive] = max(forces[drive], force)

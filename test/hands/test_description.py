@@ -117,7 +117,7 @@ def test_load_hand_closes_every_shipped_one(name: str) -> None:
         place = hand.places(finger)
         assert [hand.driver.joints[i] for i in place] == list(entry.joints)
         closed = entry.posture(1.0)
-        # a synergy that leaves the limits would command what the guard only cuts
+        # a synergy that leaves the limits would command what the limiter only cuts
         assert (closed >= limits.lower[place]).all(), finger
         assert (closed <= limits.upper[place]).all(), finger
         assert entry.fastest(limits.velocity[place]) > hand.driver.grip().closing_rate

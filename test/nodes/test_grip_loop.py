@@ -535,7 +535,7 @@ def test_frames_that_a_queue_kept_back_move_the_hand_no_faster_than_it_may(name:
 
 
 def test_a_queue_that_is_caught_up_with_is_no_hand_that_is_shut() -> None:
-    """Frames of a second in a twentieth of it: the guard lets little of the way through."""
+    """Frames of a second in a twentieth of it: the limiter lets little of the way through."""
     world = World('allegro_v5', at=5.0)
     world.run(0.2)
     world.stage.grasp(2.0, (), 20.0, adapt=False)
