@@ -8,6 +8,7 @@ example:
   tactile calibrate reskin_board spatial -o out/place.npz
   tactile calibrate reskin_board normal_1 normal_2 -o out/force.npz --estimator ridge
   tactile calibrate reskin_board my_bag/ -o out/mine.npz --config my_board.yaml
+  tactile calibrate --live --sensor anyskin --port /dev/ttyACM0 --truth weights:50,200 -o my.npz
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactile_ros.calibration import MARK
+from tactile_ros.cli import guided
 from tactile_ros.cli.console import (
     SHARE,
     add_overwrite,
@@ -72,21 +74,30 @@ def sentences(report: Report) -> list[str]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `tactile calibrate`."""
-    parser.add_argument('sensor', help='key of the sensor, see `tactile list`')
-    parser.add_argument('recordings', nargs='+', help='bags, .npz, .csv, or shipped names')
+    parser.add_argument('sensor', nargs='?', help='key of the sensor, see `tactile list`')
+    parser.add_argument('recordings', nargs='*', help='bags, .npz, .csv, or shipped names')
     parser.add_argument('-o', '--output', type=Path, required=True, help='calibration file (.npz)')
     add_overwrite(parser)
     parser.add_argument('--config', type=Path, help='yaml with fields of the sensor config')
     parser.add_argument('--estimator', help='one estimator instead of the best')
-    parser.add_argument('--truth', action='append', default=[], help='topic that tells the truth')
+    parser.add_argument(
+        '--truth', action='append', default=[],
+        help=f'topic that tells the truth; with --live: {guided.SOURCES}',
+    )  # fmt: skip
     parser.add_argument('--json', action='store_true', help='print the table as JSON')
+    guided.add_arguments(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Load, fit, save, and print the errors on held-out groups."""
-    spec = load_sensor(options.sensor)
+    key = options.sensor or options.key
+    if key is None or bool(options.recordings) == options.live:
+        raise ValueError('calibrate needs a sensor and recordings, or --live --sensor KEY alone')
+    spec = load_sensor(key)
     config = read_config(spec, options.config)
     refuse_unwritable(options.output, MARK, overwrite=options.overwrite)
+    if options.live:
+        return guided.run(options, spec, config)
     loaded = []
     for name in options.recordings:
         with working(f'reading {name}'):
@@ -115,6 +126,12 @@ def run(options: argparse.Namespace) -> int:
         msg = f'nothing in {", ".join(options.recordings)} can be learned: truth has '
         raise RecordingError(msg + ', '.join(names) + f'; {left_out(pipeline)}')
     pipeline.save(options.output)
+    print_fit(pipeline, options, began)
+    return 0
+
+
+def print_fit(pipeline: Pipeline, options: argparse.Namespace, began: float) -> None:
+    """Print errors on held-out groups and what else a fit found; `began` as of perf_counter."""
     show(COLUMNS, report_rows(pipeline), as_json=options.json)
     if left_out(pipeline):
         print(left_out(pipeline), file=sys.stderr)
@@ -127,7 +144,6 @@ def run(options: argparse.Namespace) -> int:
         print(f'fitted in {seconds:.1f} s; metres and newton; written to {options.output}')
         print(f'SHA-256 {pipeline.digest}')
         tell_if_busy()
-    return 0
 
 
 def left_out(pipeline: Pipeline) -> str:

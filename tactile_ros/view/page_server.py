@@ -190,6 +190,7 @@ class PageServer(Closing):
         self.tare: Callable[[str], str] | None = None
         self._shown: dict[str, Shown] = {}
         self._grips: dict[str, Json] = {}
+        self._guide: Json | None = None
         self._news = threading.Condition()
         self._version, self._layouts = 0, 0
         self._encoded = (-1, b'')
@@ -239,6 +240,13 @@ class PageServer(Closing):
             self._version += 1
             self._news.notify_all()
 
+    def guide(self, stated: Json) -> None:
+        """Show targets, the next one, and what to do."""
+        with self._news:
+            self._guide = stated
+            self._version += 1
+            self._news.notify_all()
+
     def wait_for_page(self, timeout: float | None = None) -> bool:
         """Wait until a page looks; False after `timeout` (s)."""
         with self._news:
@@ -253,7 +261,7 @@ class PageServer(Closing):
         with self._news:
             if self._encoded[0] != self._version:
                 sensors = {name: frame_json(shown) for name, shown in self._shown.items()}
-                told = {'sensors': sensors, 'grips': self._grips}
+                told = {'sensors': sensors, 'grips': self._grips, 'guide': self._guide}
                 self._encoded = (self._version, event('frames', told))
             return self._encoded
 

@@ -2,7 +2,7 @@
 const SPAN = 10, STOPS = [[65, 68, 135], [42, 120, 142], [34, 168, 132], [122, 209, 81], [253, 231, 37]];
 const cards = new Map();
 const note = document.getElementById('note');
-let control = false, waiting = null, heard = 0;
+let control = false, waiting = null, heard = 0, guide = null;
 
 const colour = (share) => {
   const at = Math.min(Math.max(share, 0), 1) * (STOPS.length - 1), i = Math.min(Math.floor(at), STOPS.length - 2);
@@ -98,8 +98,19 @@ class Card {
       else if (c === 3 && !many) this.arrow(pen, x, y, x + 2 * radius * d[0] / f.most, y - 2 * radius * d[1] / f.most, ink('--ink'), 1.5);
     }
     if (f.in_contact !== 0) f.contacts.forEach((one, i) => this.contact(pen, at, scale, one, i === 0 ? f.ellipse : null));
+    if (guide) this.targets(pen, at, radius);
     pen.fillStyle = ink('--soft'); pen.font = '12px system-ui';
     pen.fillText('x →  y ↑', 6, h - 6);
+  }
+
+  targets(pen, at, radius) {
+    guide.targets.forEach(([px, py, count], i) => {
+      const [x, y] = at(px, py), next = i === guide.next;
+      pen.strokeStyle = ink(next ? '--bad' : '--ink'); pen.fillStyle = ink('--ink'); pen.lineWidth = next ? 4 : 1.5;
+      pen.beginPath(); pen.arc(x, y, next ? Math.max(10, 1.4 * radius) : 4, 0, 2 * Math.PI);
+      if (count && !next) pen.fill();
+      pen.stroke();
+    });
   }
 
   contact(pen, at, scale, [px, py, fx, fy], ellipse) {
@@ -159,6 +170,17 @@ class Card {
   }
 }
 
+function drawGuide() {
+  const root = document.getElementById('guide');
+  root.hidden = !guide;
+  if (!guide) return;
+  const done = guide.targets.filter((one) => one[2]).length, bar = root.querySelector('progress');
+  root.className = guide.phase;
+  root.querySelector('.what').textContent = guide.text;
+  bar.max = guide.targets.length; bar.value = done;
+  root.querySelector('.error').textContent = guide.error;
+}
+
 function drawGrips(grips) {
   const root = document.getElementById('grips'), names = Object.keys(grips);
   if (!names.length) return;
@@ -194,6 +216,8 @@ events.onerror = () => { note.textContent = 'connection lost; trying again …';
 
 function paint() {
   if (waiting) {
+    guide = waiting.guide;
+    drawGuide();
     for (const card of cards.values()) card.draw();
     drawGrips(waiting.grips);
     note.textContent = control ? 'key T tares all sensors' : '';

@@ -1,0 +1,481 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
+"""Guided calibration of `tactile calibrate --live`: targets on a page, presses, a fit, a report.
+
+The folder beside the calibration holds every press as soon as it is over, so that the same command
+goes on after a crash.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import shlex
+import sys
+import threading
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from tactile_ros.cli import interruptible
+from tactile_ros.cli.console import working
+from tactile_ros.devices.transport import SerialPort
+from tactile_ros.errors import DeviceError, DeviceTimeout, MissingPackageError, RecordingError
+from tactile_ros.evaluation import fleet
+from tactile_ros.evaluation.guided import (
+    FOLDS,
+    HeldOut,
+    Phase,
+    PressGuide,
+    Target,
+    grid_of,
+    held_out,
+    joined,
+    where_in_words,
+    write_bag,
+)
+from tactile_ros.evaluation.recording_files import (
+    LoadedRecording,
+    load_recording,
+    save_recording,
+)
+from tactile_ros.evaluation.report import (
+    Result,
+    environment,
+    for_drawing,
+    provenance,
+    write_report,
+)
+from tactile_ros.files import write_beside
+from tactile_ros.types import Closing
+from tactile_ros.view.page_server import PageServer
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Callable, Sequence
+
+    from tactile_ros.pipeline import Pipeline
+    from tactile_ros.sensors import SensorSpec
+    from tactile_ros.types import Array, Frame, Recording, SensorConfig
+
+G = 9.80665  # m/s2
+UNKNOWN = np.full(3, np.nan)
+READ_S, SCALE_S = 1.0, 0.5
+PRESSES, ROUND, LEAST = 24, 8, 6  # of a plan; between two looks at the error; for the first look
+ROUNDS = 3  # in which places are pressed again
+NEWTONS = {'': 1e-3 * G, 'g': 1e-3 * G, 'kg': G, 'n': 1.0}
+READING = re.compile(rb'([-+]?)\s*(\d+(?:\.\d+)?)\s*(kg|g|N)?', re.IGNORECASE)
+SESSION = 'session.json'
+SOURCES = 'prompts, weights:50,100,200 (g), scale:PORT or topic:/NAME'
+
+
+class Truth(Closing):
+    """True force of a press: none here, only the places that were prompted."""
+
+    steady = True  # its forces count where a press is steady alone
+    loads: tuple[float, ...] = ()  # (N) to be laid on, in turn
+
+    def now(self) -> tuple[Array, Array | None]:
+        """Force (3,) (N) and place (3,) (m) now; None: that of the target."""
+        return UNKNOWN, None
+
+    def follow(self, phase: Phase, number: int | None) -> None:
+        """Take note of the phase and the number of the target."""
+
+    def close(self) -> None:
+        """End."""
+
+
+class Weights(Truth):
+    """Weights that are laid on the target in turn."""
+
+    def __init__(self, grams: str) -> None:
+        try:
+            masses = [float(word) for word in grams.split(',')]
+        except ValueError:
+            masses = []
+        if not masses or not all(0 < mass < 1e5 for mass in masses):
+            raise ValueError(f'weights must be grams with commas (50,100,200); received {grams!r}')
+        self.loads = tuple(1e-3 * G * mass for mass in masses)
+
+
+class Scale(Truth):
+    """A scale below the sensor that prints its reading (g, kg or N) in lines."""
+
+    def __init__(self, port: str) -> None:
+        self._port, self._load, self._read_s = SerialPort(port, 9600), float('nan'), 0.0
+        self._port.open()
+        self._over = False
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    def _listen(self) -> None:
+        rest = b''
+        while not self._over:
+            try:
+                *lines, rest = (rest + self._port.read(READ_S)).split(b'\n')
+            except DeviceError:
+                return  # `now` says that nothing comes
+            rest = rest[-1000:]
+            for found in filter(None, map(READING.search, lines)):
+                sign, digits, unit = found.groups()
+                self._load = float(sign + digits) * NEWTONS[(unit or b'').decode().lower()]
+                self._read_s = time.monotonic()
+
+    def now(self) -> tuple[Array, Array | None]:
+        """Load along z; NaN where the scale has been silent."""
+        fresh = time.monotonic() - self._read_s < SCALE_S
+        return np.array([np.nan, np.nan, self._load if fresh else np.nan]), None
+
+    def close(self) -> None:
+        """Let the port go."""
+        self._over = True
+        self._thread.join()
+        self._port.close()
+
+
+class Topics(Truth):
+    """Forces of a WrenchStamped and places of a PoseStamped, either as it is given."""
+
+    steady = False
+
+    def __init__(self, wrench: str, pose: str) -> None:
+        try:
+            from tactile_ros.nodes.truth_node import TruthListener
+        except ImportError as error:
+            msg = 'topics need ROS 2; use weights, a scale or prompts, or set up with make'
+            raise MissingPackageError(msg) from error
+        self._listener = TruthListener(wrench, pose)
+
+    def now(self) -> tuple[Array, Array | None]:
+        """Newest of both."""
+        return self._listener.force, self._listener.position
+
+    def close(self) -> None:
+        """End the node."""
+        self._listener.close()
+
+
+class SimulatedPresses(Truth):
+    """Presses of a simulated sensor, which follow the guide: each played up to its peak."""
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording, press = recording, recording.truth['repetition']
+        touched = recording.truth['in_contact'] == 1
+        change = np.nan_to_num(recording.values - recording.values[0])
+        size = np.where(touched, np.square(change).sum(axis=(1, 2)), -1.0)
+        self.starts, self.peaks = [], []
+        for one in np.unique(press[touched]).tolist():
+            rows = np.flatnonzero(touched & (press == one))
+            self.starts.append(int(rows[0]))
+            self.peaks.append(int(rows[size[rows].argmax()]))
+        self._pressed: tuple[int, float] | None = None
+        self._row = 0
+
+    @property
+    def targets(self) -> list[Target]:
+        """Places of the presses."""
+        truth, nowhere = self._recording.truth, np.full((len(self._recording), 3), np.nan)
+        return [Target(np.asarray(truth.get('position', nowhere)[row])) for row in self.peaks]
+
+    def follow(self, phase: Phase, number: int | None) -> None:
+        """Press in the phases of a press."""
+        down = number is not None and phase in (Phase.PRESS, Phase.HOLD)
+        if down and self._pressed is None and number is not None:
+            self._pressed = (number, time.monotonic())
+        elif not down:
+            self._pressed = None
+
+    def signal(self, _: float) -> Array:
+        """Readings (t, c) now."""
+        pressed, self._row = self._pressed, 0
+        if pressed is not None:
+            number, began = pressed
+            steps = round((time.monotonic() - began) * (self._recording.layout.rate_hz or 100.0))
+            self._row = min(self.starts[number] + steps, self.peaks[number])
+        return np.asarray(self._recording.values[self._row])
+
+    def now(self) -> tuple[Array, Array | None]:
+        """Force of what is played."""
+        force = self._recording.truth.get('force')
+        return (UNKNOWN if force is None else np.nan_to_num(force[self._row])), None
+
+
+class Folder(NamedTuple):
+    """Files of a session beside its calibration."""
+
+    path: Path
+
+    def begin(self, stated: dict[str, object], *, overwrite: bool) -> list[tuple[int, Recording]]:
+        """Make the folder, or take the presses of a session that began with the same options.
+
+        Raises
+        ------
+        RecordingError
+            If it holds something else.
+        """
+        file = self.path / SESSION
+        if self.path.exists() and any(self.path.iterdir()):
+            found = json.loads(file.read_text()) if file.is_file() else None
+            if found != stated and not (overwrite and file.is_file()):
+                what = 'a session with other options' if found else 'something else'
+                raise RecordingError(f'{self.path} holds {what}; name another output')
+            if found == stated:
+                parts = map(load_recording, sorted(self.path.glob('press_*.npz')))
+                return [(int(one.truth['repetition'][0]), one) for one in parts]
+            for old in self.path.glob('press_*.npz'):  # --overwrite, of a session of ours
+                old.unlink()
+        self.path.mkdir(parents=True, exist_ok=True)
+        write_beside(file, json.dumps(stated, indent=1).encode())
+        return []
+
+    def keep(self, count: int, press: Recording) -> None:
+        """Write a press."""
+        save_recording(press, self.path / f'press_{count:04d}.npz')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of a guided calibration."""
+    live = parser.add_argument_group('guided (--live)', 'press where page and terminal say')
+    live.add_argument('--live', action='store_true', help='read the sensor instead of recordings')
+    live.add_argument('--sensor', dest='key', help='key of the sensor')
+    live.add_argument('--port', help='its serial port; none: a simulated one that presses itself')
+    live.add_argument('--plan', type=Path, help='csv with the columns x, y (m), and load (N)')
+    live.add_argument('--pose', default='', help='topic of the true place (PoseStamped)')
+    live.add_argument('--presses', type=int, default=PRESSES, help=f'of the plan ({PRESSES})')
+    live.add_argument('--hold', type=float, default=1.0, help='time to hold a press (s)')
+    live.add_argument('--goal-mm', type=float, help='error of places that is wanted')
+    live.add_argument('--goal-n', type=float, help='error of forces that is wanted')
+    live.add_argument('--page', type=int, default=8765, help='port of the page (0: any)')
+
+
+def truth_of(options: argparse.Namespace, simulated: SimulatedPresses | None) -> Truth:
+    """Source of the truth that is named."""
+    if simulated is not None:
+        return simulated
+    kind, _, name = (options.truth[0] if options.truth else 'prompts').partition(':')
+    if kind == 'weights':
+        return Weights(name)
+    if kind == 'scale' and name:
+        return Scale(name)
+    if (kind == 'topic' and name) or options.pose:
+        return Topics(name if kind == 'topic' else '', options.pose)
+    if kind != 'prompts' or name:
+        raise ValueError(f'--truth of --live must be {SOURCES}; received {options.truth[0]!r}')
+    return Truth()
+
+
+def targets_of(options: argparse.Namespace, spec: SensorSpec, config: SensorConfig,
+               truth: Truth) -> list[Target]:  # fmt: skip
+    """Targets of a plan: those of a file, of the simulated presses, or a grid."""
+    if isinstance(truth, SimulatedPresses):
+        return truth.targets[: options.presses]
+    if options.plan is not None:
+        return read_plan(options.plan)
+    places = grid_of(spec.layout(config), options.presses)
+    loads = truth.loads or (np.nan,)
+    return [Target(place, loads[i % len(loads)]) for i, place in enumerate(places)]
+
+
+def read_plan(path: Path) -> list[Target]:
+    """Targets of a csv file; ValueError if it has no columns x and y of numbers."""
+    try:
+        with path.open(newline='') as file:
+            rows = list(csv.DictReader(file))
+        targets = [
+            Target(
+                np.array([float(row['x']), float(row['y']), float(row.get('z') or 0)]),
+                float(row.get('load') or 'nan'),
+            )
+            for row in rows
+        ]
+    except (KeyError, TypeError, ValueError, csv.Error, UnicodeDecodeError) as error:
+        raise ValueError(f'plan {path} must have columns x, y (m) of numbers: {error}') from error
+    if not targets or not all(np.isfinite(one.position).all() for one in targets):
+        raise ValueError(f'plan {path} must name places; received {len(targets)} rows')
+    return targets
+
+
+class Judge:
+    """Held-out errors, found in a thread while presses go on."""
+
+    def __init__(self, make: Callable[[], Pipeline]) -> None:
+        self._make, self._thread = make, threading.Thread()
+        self.found: HeldOut | None = None
+        self.of = 0  # presses that it was found from
+
+    def begin(self, guide: PressGuide) -> None:
+        """Judge the presses of a guide, unless it is still busy."""
+        if not self._thread.is_alive():
+            presses, targets = list(guide.presses), list(guide.targets)
+            self._thread = threading.Thread(
+                target=self._work, args=(presses, targets), daemon=True
+            )
+            self._thread.start()
+
+    def finish(self, guide: PressGuide) -> HeldOut:
+        """Errors of all presses, waited for."""
+        if self._thread.is_alive():
+            self._thread.join()
+        if self.found is None or self.of < len(guide.presses):
+            self._work(guide.presses, guide.targets)
+        assert self.found is not None
+        return self.found
+
+    def _work(
+        self, presses: Sequence[tuple[int, Recording]], targets: Sequence[Target]
+    ) -> None:
+        self.found, self.of = held_out(self._make, presses, targets), len(presses)
+
+
+def run(options: argparse.Namespace, spec: SensorSpec, config: SensorConfig) -> int:
+    """Guide through the presses, fit, write calibration, bag and report."""
+    folder = Folder(options.output.with_suffix(''))
+    recording = None if options.port else spec.presses(config, 0, noise=0.0)
+    simulated = None if recording is None else SimulatedPresses(recording)
+    with ExitStack() as held:
+        truth = held.enter_context(truth_of(options, simulated))
+        targets = targets_of(options, spec, config, truth)
+        stated = {
+            'sensor': spec.key, 'truth': options.truth, 'hold_s': options.hold,
+            'targets': [[*map(float, one.position), one.load] for one in targets],
+        }  # fmt: skip
+        stated = json.loads(json.dumps(stated).replace('NaN', 'null'))
+        presses = folder.begin(stated, overwrite=options.overwrite)
+        layout = spec.layout(config)
+        guide = PressGuide(layout, targets, truth.steady, options.hold, presses)
+        page = held.enter_context(PageServer(options.page))
+        print(f'showing {page.address} ; Ctrl-C stops, the same command goes on', file=sys.stderr)
+        if presses:
+            print(f'going on after {len(presses)} presses', file=sys.stderr)
+        connection = spec.connection(**({'port': options.port} if options.port else {}))
+        if simulated is None:
+            device = held.enter_context(spec.open(config, connection, time.time_ns))
+        else:
+            twin = held.enter_context(spec.simulate(config, connection, simulated.signal))
+            device = held.enter_context(twin.device(time.time_ns))
+        judge = Judge(lambda: spec.pipeline(config, options.estimator))
+        session = Session(guide, truth, folder, page, judge, spec.pipeline(config))
+        with interruptible():
+            session.follow(lambda: device.read(READ_S), options)
+    return finish(options, spec, config, guide, folder)
+
+
+class Session:
+    """One guided calibration: what is read goes to guide, page, folder and terminal."""
+
+    def __init__(
+        self, guide: PressGuide, truth: Truth, folder: Folder, page: PageServer, judge: Judge,
+        nominal: Pipeline,
+    ) -> None:  # fmt: skip
+        self.guide, self.truth, self.folder, self.page = guide, truth, folder, page
+        self.judge, self.nominal, self._said = judge, nominal, ''
+
+    def follow(self, read: Callable[[], Frame], options: argparse.Namespace) -> None:
+        """Guide until every press is done and the error is as wanted, or no round is left."""
+        for again in range(ROUNDS + 1):
+            while self.guide.phase is not Phase.DONE:
+                self.step(read)
+            with working('judging on places held out'):
+                found = self.judge.finish(self.guide)
+            self.say(f'error on places held out: {found}')
+            worst = found.worst(options.goal_mm and 1e-3 * options.goal_mm, options.goal_n)
+            if not worst or again == ROUNDS or (again and not (options.goal_mm or options.goal_n)):
+                return
+            numbers = sorted({self.guide.presses[i][0] for i in worst})
+            places = np.array([self.guide.targets[i].position for i in numbers])
+            every = np.array([one.position for one in self.guide.targets])
+            self.say(f'{len(numbers)} more presses {where_in_words(places, every)}')
+            self.guide.ask_again(numbers)
+
+    def step(self, read: Callable[[], Frame]) -> None:
+        """Take the next frame."""
+        try:
+            frame = read()
+        except DeviceTimeout as error:
+            self.say(str(error))
+            return
+        guide = self.guide
+        before = guide.preflight
+        self.truth.follow(guide.phase, guide.number)
+        press = guide.step(frame, *self.truth.now())
+        if guide.preflight is not before and guide.preflight is not None:
+            for problem in guide.preflight.problems:
+                self.say(problem)
+        if press is not None:
+            self.folder.keep(len(guide.presses), press)
+            if len(guide.presses) >= LEAST and len(guide.presses) % ROUND == 0:
+                self.judge.begin(guide)
+        self.say(self.instruction())
+        self.page.show('', guide.layout, frame, self.nominal.process(frame))
+        self.page.guide(self.as_json())
+
+    def instruction(self) -> str:
+        """Sentence on what to do now."""
+        guide, number = self.guide, self.guide.number
+        if number is None or guide.phase in (Phase.CHECK, Phase.DONE):
+            return guide.phase.value
+        target = guide.targets[number]
+        x, y = 1e3 * target.position[:2]
+        place = f' at x {x:.1f}, y {y:.1f} mm' if np.isfinite(x) else ''
+        load = f' with {1e3 * target.load / G:.0f} g' if np.isfinite(target.load) else ''
+        said = {
+            Phase.REST: f'{guide.remark or guide.phase.value}',
+            Phase.PRESS: f'press{place}{load}', Phase.HOLD: f'hold{load}',
+        }.get(guide.phase, guide.phase.value)  # fmt: skip
+        return f'{len(guide.presses) + 1} of {guide.wanted.sum()}: {said}'
+
+    def as_json(self) -> dict[str, object]:
+        """State of the guide for the page."""
+        guide, counts = self.guide, self.guide.counts
+        error = '' if self.judge.found is None else f'held out: {self.judge.found}'
+        return {
+            'targets': [
+                [*np.nan_to_num(one.position[:2]).tolist(), int(count)]
+                for one, count in zip(guide.targets, counts, strict=True)
+            ],
+            'next': guide.number, 'phase': guide.phase.name.lower(),
+            'text': self.instruction(), 'error': error,
+        }  # fmt: skip
+
+    def say(self, text: str) -> None:
+        """Print a line on stderr, once."""
+        if text != self._said:
+            self._said = text
+            print(text, file=sys.stderr, flush=True)
+
+
+def finish(
+    options: argparse.Namespace, spec: SensorSpec, config: SensorConfig, guide: PressGuide,
+    folder: Folder,
+) -> int:  # fmt: skip
+    """Fit on all presses; write calibration, bag and a report on places held out."""
+    from tactile_ros.cli.calibrate import print_fit  # which imports this file for its arguments
+
+    whole = joined(guide.presses, guide.targets)
+    began = time.perf_counter()
+    pipeline = spec.pipeline(config, options.estimator)
+    with working(f'fitting {spec.key}'):
+        pipeline.fit(whole)
+        pipeline.save(options.output)
+    print_fit(pipeline, options, began)
+    save_recording(whole, folder.path / 'presses.npz')
+    if not (folder.path / 'bag').exists():
+        write_bag(whole, folder.path / 'bag')
+    groups = whole.truth['repetition']
+    apart = np.isin(groups % FOLDS, 0)
+    with working('drawing the report'):
+        others = spec.pipeline(config, options.estimator).fit(whole.select(~apart))
+        loaded = LoadedRecording('places held out', whole.select(apart))
+        found = fleet.evaluate(loaded, {'calibration on the other places': others})
+        command = shlex.join(['tactile', *sys.argv[1:]])
+        facts = provenance([str(folder.path / 'presses.npz')], {options.output.name: pipeline})
+        result = Result('Guided calibration', command, {**environment(), **facts},
+                        (for_drawing(found),))  # fmt: skip
+        write_report(folder.path / 'report.html', result)
+    if not options.json:
+        print(f'presses, bag and report in {folder.path}')
+    return 0

@@ -1,0 +1,453 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
+"""Guided calibration: the next target, the phase of a press, the presses kept, and their errors.
+
+`PressGuide` is fed with frames and true forces and knows neither clock nor device. A press is kept
+with the rest before it as its tare, so that drift between presses does no harm.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections import deque
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tactile_ros.evaluation.bag import PACKAGE, BagWriter, all_types
+from tactile_ros.messages import (
+    fill_baseline,
+    fill_contacts,
+    fill_frame,
+    fill_header,
+    fill_layout,
+)
+from tactile_ros.types import (
+    STATE_FIELDS,
+    Array,
+    Bools,
+    ContactState,
+    Frame,
+    Integers,
+    Layout,
+    Recording,
+    TaxelStatus,
+    join,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from tactile_ros.pipeline import Pipeline
+    from tactile_ros.types import Columns
+
+TARE_FRAMES = 20
+CHECK_FRAMES = 50
+LEAST_S = 0.3  # of a rest, whatever the rate is
+TOUCH_Z = 8.0  # largest change over noise of a touch; that of 2000 quiet taxels is below 5
+QUIET_Z = 4.0  # of half a rest against the other half
+IN_A_ROW = 3  # frames that say the same
+STEADY = 0.8  # of the largest change of a press: its hold
+RELEASED = 0.2  # of the same: nothing touches but creep is left
+MOST_S = 60.0  # of one press
+FOLDS = 4
+WORSE = 2.0  # times the median: a place to press again
+RIM = 0.75  # of the farthest target from the middle
+UNKNOWN = np.full(3, np.nan)
+
+
+class Phase(Enum):
+    """Phases of a guided calibration, with what to do in each."""
+
+    CHECK = 'let nothing touch'
+    REST = 'let go and wait'
+    PRESS = 'press at the ring'
+    HOLD = 'hold'
+    RELEASE = 'release'
+    DONE = 'done'
+
+
+@dataclass(frozen=True)
+class Target:
+    """One press that is asked for: a place (3,) (m) and a load (N), NaN: any."""
+
+    position: Array
+    load: float = np.nan
+
+
+def grid_of(layout: Layout, count: int) -> Array:
+    """About `count` places (n, 3) (m) evenly over the layout, in an order that jumps about.
+
+    Corners of a regular grid over the outline of the taxels; without an area its taxels.
+    """
+    low, high = layout.positions.min(axis=0), layout.positions.max(axis=0)
+    size = (high - low)[:2]
+    if (size <= 0).any():
+        places = layout.positions[np.linspace(0, len(layout.positions) - 1, count).astype(int)]
+        return np.unique(places, axis=0)
+    columns = max(2, round(float(np.sqrt(count * size[0] / size[1]))))
+    rows = max(2, round(count / columns))
+    x, y = np.meshgrid(
+        np.linspace(low[0], high[0], columns), np.linspace(low[1], high[1], rows)
+    )
+    places = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, high[2])])
+    return np.asarray(places[np.random.default_rng(0).permutation(len(places))])
+
+
+def mean_of(rows: Array) -> Array:
+    """Mean of rows (s, ...) where they are measured; NaN where none is."""
+    known = np.isfinite(rows)
+    count = np.where(known.any(axis=0), known.sum(axis=0), np.nan)
+    return np.asarray(np.where(known, rows, 0.0).sum(axis=0) / count)
+
+
+@dataclass(frozen=True)
+class Preflight:
+    """Noise (t, c) of untouched frames, and what is wrong with the sensor, in sentences."""
+
+    noise: Array
+    problems: tuple[str, ...]
+
+    @classmethod
+    def of(cls, layout: Layout, frames: Sequence[Frame]) -> Preflight:
+        """Judge frames at rest: dead, saturated and noisy taxels, and a uniform stray field."""
+        values = np.array([frame.values for frame in frames])
+        status = np.array([
+            np.zeros(layout.shape[0], np.uint8) if f.status is None else f.status for f in frames
+        ])
+        noise = np.nanstd(np.diff(values, axis=0), axis=0) / np.sqrt(2)  # a slow touch is none
+        read = noise[noise > 0]
+        usual = float(np.median(read)) if len(read) else 0.0
+        still = (np.nan_to_num(noise) == 0).all(axis=1)
+        dead = still | ((status & TaxelStatus.DEAD) > 0).all(axis=0)
+        full = ((status & TaxelStatus.SATURATED) > 0).any(axis=0)
+        loud = (noise > 10 * usual).any(axis=1) & ~dead
+        problems = [
+            f'taxels {np.flatnonzero(found).tolist()} {what}'
+            for found, what in (
+                (dead, 'do not change: they are dead'), (full, 'are saturated at rest'),
+                (loud, 'are ten times as noisy as the others'),
+            )
+            if found.any()
+        ]  # fmt: skip
+        if layout.unit == 'T' and len(layout.channels) == 3:
+            field_t = float(np.linalg.norm(np.nanmedian(values, axis=(0, 1))))
+            problems.append(f'uniform field at rest: {1e6 * field_t:.0f} uT (magnets and stray)')
+        return cls(np.where(noise > 0, noise, max(usual, np.finfo(float).tiny)), tuple(problems))
+
+
+@dataclass
+class PressGuide:
+    """Guide from press to press, frame by frame.
+
+    Parameters
+    ----------
+    layout : Layout
+        Of the sensor.
+    targets : list of Target
+        In their order.
+    steady_truth : bool
+        True forces count where the press is steady alone, as their mean: a kitchen scale.
+    hold_s : float
+        Time that a press is to be held (s).
+    presses : list of (int, Recording)
+        Number of the target and frames of what was kept, such as of an earlier run.
+    """
+
+    layout: Layout
+    targets: list[Target]
+    steady_truth: bool = True
+    hold_s: float = 1.0
+    presses: list[tuple[int, Recording]] = field(default_factory=list)
+    phase: Phase = Phase.CHECK
+    preflight: Preflight | None = None
+    remark: str = ''  # why a press was not kept
+
+    def __post_init__(self) -> None:
+        rate_hz = self.layout.rate_hz or 100.0
+        count = max(TARE_FRAMES, round(LEAST_S * rate_hz))
+        self.wanted = np.ones(len(self.targets), np.int64)  # presses of each target
+        self._rest: deque[tuple[Frame, Array]] = deque(maxlen=count)
+        self._checked: list[Frame] = []
+        self._pressed: list[tuple[Frame, Array, Array]] = []
+        self._sizes: list[float] = []
+        self._hold, self._most = round(self.hold_s * rate_hz), round(MOST_S * rate_hz)
+
+    @property
+    def number(self) -> int | None:
+        """Number of the target that is next; None: none is left."""
+        missing = np.flatnonzero(self.counts < self.wanted)
+        return int(missing[0]) if len(missing) else None
+
+    @property
+    def counts(self) -> Integers:
+        """Presses kept of each target."""
+        done = np.array([number for number, _ in self.presses], np.int64)
+        return np.bincount(done, minlength=len(self.targets))
+
+    def step(
+        self, frame: Frame, force: Array = UNKNOWN, position: Array | None = None
+    ) -> Recording | None:
+        """Take a frame with the force (3,) (N) and the place (3,) (m) that are true now.
+
+        `position` None: that of the target. Returns the press that was kept now.
+        """
+        if self.phase is Phase.CHECK:
+            self._check(frame)
+            return None
+        if self.phase is Phase.DONE:
+            return None
+        place = UNKNOWN if position is None else position
+        if self.phase is Phase.REST:
+            self._rest.append((frame, force))
+            self._sizes.clear()
+            self._pressed.clear()
+            if self.number is None:
+                self.phase = Phase.DONE
+            elif self._is_quiet():
+                self.phase = Phase.PRESS
+            return None
+        return self._follow(frame, force, place)
+
+    def _check(self, frame: Frame) -> None:
+        self._checked.append(frame)
+        if len(self._checked) >= CHECK_FRAMES:
+            self.preflight = Preflight.of(self.layout, self._checked)
+            self.phase = Phase.REST
+
+    def _noise(self) -> Array:
+        assert self.preflight is not None
+        return self.preflight.noise
+
+    def _is_quiet(self) -> bool:
+        """A whole rest, the halves of which agree within noise."""
+        if len(self._rest) < (self._rest.maxlen or 0):
+            return False
+        values = np.array([frame.values for frame, _ in self._rest])
+        half = len(values) // 2
+        moved = mean_of(values[:half]) - mean_of(values[half:])
+        z = np.abs(moved) / (self._noise() * np.sqrt(2 / half))
+        return bool(np.nanquantile(z, 0.9) < QUIET_Z)
+
+    def _size(self, frame: Frame) -> float:
+        """Largest change since the rest over noise."""
+        level = mean_of(np.array([one.values for one, _ in self._rest]))
+        z = np.abs(frame.values - level) / self._noise()
+        return float(np.nanmax(z, initial=0.0))
+
+    def _follow(self, frame: Frame, force: Array, position: Array) -> Recording | None:
+        size = self._size(frame)
+        touched = size > TOUCH_Z
+        if self.phase is Phase.PRESS and not touched:
+            self._pressed.clear()
+            self._sizes.clear()
+            if len(self._rest) == self._rest.maxlen:  # the rest goes on while nothing touches
+                self._rest.append((frame, force))
+            return None
+        self._pressed.append((frame, force, position))
+        self._sizes.append(size)
+        sizes = np.array(self._sizes)
+        if self.phase is Phase.PRESS and len(sizes) >= IN_A_ROW:
+            self.phase = Phase.HOLD
+        peak = float(np.median(np.sort(sizes)[-IN_A_ROW:]))
+        steady = sizes >= STEADY * peak
+        if self.phase is Phase.HOLD:
+            gone = (sizes[-IN_A_ROW:] < max(RELEASED * peak, TOUCH_Z)).all()
+            if steady[-self._hold :].sum() >= self._hold:
+                self.phase = Phase.RELEASE
+            elif gone or len(sizes) > self._most:
+                self.remark, self.phase = 'held too short: press there again', Phase.REST
+                self._rest.clear()
+        elif self.phase is Phase.RELEASE and (
+            sizes[-IN_A_ROW:] < max(RELEASED * peak, TOUCH_Z)
+        ).all():
+            return self._keep(steady)
+        return None
+
+    def _keep(self, steady: Bools) -> Recording:
+        """Rest and press as a recording, labelled where the press is steady."""
+        number = self.number
+        assert number is not None
+        target, rests = self.targets[number], len(self._rest)
+        frames = [*(f for f, _ in self._rest), *(f for f, _, _ in self._pressed)]
+        held = np.r_[np.zeros(rests, bool), steady]
+        position = np.full((len(frames), 3), np.nan)
+        position[rests:] = [place for _, _, place in self._pressed]
+        position = np.where(np.isnan(position), target.position, position)
+        position[~held] = np.nan
+        force = np.array([f for _, f in self._rest] + [f for _, f, _ in self._pressed])
+        force = force - np.nan_to_num(mean_of(force[:rests]))
+        if np.isfinite(target.load):
+            force = np.where(held[:, None], [0.0, 0.0, target.load], np.nan)
+        elif self.steady_truth:
+            force = np.where(held[:, None], mean_of(force[held]), np.nan)
+        tare = np.arange(len(frames)) < rests
+        truth: Columns = {
+            'position': position,
+            'in_contact': np.where(held, 1, np.where(tare, 0, -1)),
+            'repetition': np.full(len(frames), number),
+        }
+        if np.isfinite(force).any():
+            truth['force'] = np.where(tare[:, None], np.nan, force)
+        plain = Recording.from_frames(self.layout, frames, tare=tare)
+        press = Recording.from_arrays(
+            self.layout, plain.values, plain.stamp_ns, temperature_c=plain.temperature_c,
+            status=plain.status, tare=tare, truth=truth,
+        )
+        self.presses.append((number, press))
+        self.remark, self.phase = '', Phase.REST
+        self._rest.clear()
+        return press
+
+    def ask_again(self, numbers: Sequence[int]) -> None:
+        """Ask for one more press at each of some targets."""
+        self.wanted[numbers] = self.counts[numbers] + 1
+        self.phase = Phase.REST
+
+
+def joined(presses: Sequence[tuple[int, Recording]], targets: Sequence[Target]) -> Recording:
+    """Presses as one recording: a stream each; presses at one place are one group."""
+    places = np.array([targets[number].position for number, _ in presses])
+    _, group = np.unique(np.round(places, 6), axis=0, return_inverse=True)
+    whole = join([press for _, press in presses])
+    lengths = [len(press) for _, press in presses]
+    whole.truth['repetition'] = np.repeat(np.asarray(group).reshape(-1), lengths)
+    whole.truth.pop('session', None)
+    return whole
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Errors of each press by calibrations that did not see its place.
+
+    Attributes
+    ----------
+    position, force : ndarray, shape (n,)
+        Distance (m) and size of the force's error (N), RMS over the press; NaN: not estimated.
+    """
+
+    position: Array
+    force: Array
+
+    def worst(self, goal_m: float | None, goal_n: float | None) -> list[int]:
+        """Presses whose error is above its goal; without a goal, above twice the median."""
+        bad: set[int] = set()
+        for errors, goal in ((self.position, goal_m), (self.force, goal_n)):
+            if np.isfinite(errors).any():
+                limit = WORSE * float(np.nanmedian(errors)) if goal is None else goal
+                bad |= set(np.flatnonzero(np.nan_to_num(errors) > limit).tolist())
+        return sorted(bad)
+
+    def __str__(self) -> str:
+        """Root mean square of both."""
+        said = [
+            f'{name} {scale * np.sqrt(np.nanmean(np.square(errors))):.2g} {unit}'
+            for name, errors, scale, unit in (
+                ('place', self.position, 1e3, 'mm'), ('force', self.force, 1.0, 'N'),
+            )
+            if np.isfinite(errors).any()
+        ]  # fmt: skip
+        return ', '.join(said) or 'nothing is estimated'
+
+
+def held_out(
+    make: Callable[[], Pipeline], presses: Sequence[tuple[int, Recording]],
+    targets: Sequence[Target],
+) -> HeldOut:  # fmt: skip
+    """Errors of presses by calibrations on the others, a quarter of the places at a time."""
+    groups = np.unique(
+        np.round([targets[number].position for number, _ in presses], 6),
+        axis=0, return_inverse=True,
+    )[1].reshape(-1)  # fmt: skip
+    errors = np.full((2, len(presses)), np.nan)
+    for fold in range(min(FOLDS, len(set(groups.tolist())))):
+        left = [i for i in range(len(presses)) if groups[i] % FOLDS == fold]
+        learned = [presses[i] for i in range(len(presses)) if groups[i] % FOLDS != fold]
+        if not left or not learned:
+            continue
+        pipeline = make().fit(joined(learned, targets))
+        for i in left:
+            press = presses[i][1]
+            states = pipeline.process_batch(press)
+            for row, (name, axes) in enumerate((('position', 2), ('force', 3))):
+                if name in press.truth:
+                    off = (getattr(states, name) - press.truth[name])[:, :axes]
+                    known = np.isfinite(off).any(axis=1)
+                    if known.any():
+                        size = np.nansum(np.square(off[known]), axis=1)
+                        errors[row, i] = np.sqrt(size.mean())
+    return HeldOut(*errors)
+
+
+def where_in_words(places: Array, every: Array) -> str:
+    """Region of some places (n, 3) among all (m, 3): at the rim, in the middle, or both."""
+    middle = every[:, :2].mean(axis=0)
+    reach = np.linalg.norm(every[:, :2] - middle, axis=1).max()
+    rim = np.linalg.norm(places[:, :2] - middle, axis=1) > RIM * reach
+    return 'at the rim' if rim.all() else 'in the middle' if not rim.any() else 'all over'
+
+
+def write_bag(recording: Recording, path: Path) -> None:
+    """Write a recording as the bag of a run: layout, frames, baselines of its tares, truth."""
+    store, layout = all_types(), recording.layout
+    place = f'{PACKAGE}/msg/'
+    tare = np.zeros(len(recording), bool) if recording.tare is None else recording.tare
+    with BagWriter(path) as bag:
+
+        def put(topic: str, kind: str, message: object, stamp_ns: int) -> None:
+            for name, value in vars(message).items():
+                if isinstance(value, array):
+                    setattr(message, name, np.array(value))
+            data = bytes(store.serialize_cdr(message, place + kind))
+            bag.write(topic, place + kind, stamp_ns, data, topic == '/layout')
+
+        message = blank_message('TactileLayout')
+        fill_layout(
+            message, layout, lambda: blank_message('Point'), lambda: blank_message('Quaternion')
+        )
+        stamps = recording.stamp_ns
+        if stamps is None:
+            stamps = np.arange(1, len(recording) + 1) * 10_000_000
+        put('/layout', 'TactileLayout', message, int(stamps[0]))
+        for row, stamp in enumerate(stamps.tolist()):
+            frame = replace(recording.frame(row), stamp_ns=stamp, sequence=row)
+            message = blank_message('TactileFrame')
+            fill_frame(message, frame, layout.frame_id)
+            put('/frame', 'TactileFrame', message, stamp)
+            if tare[row] and not tare[row + 1 : row + 2].any():
+                first = row - int(np.argmin(tare[row::-1])) + 1 if not tare[: row + 1].all() else 0
+                mean = mean_of(recording.values[first : row + 1])
+                message = blank_message('TactileFrame')
+                level = Frame(stamp, row + 1, mean, averaged=row + 1 - first)
+                fill_baseline(message, level, layout.frame_id)
+                put('/baseline', 'TactileFrame', message, stamp)
+            known = {name: column[row] for name, column in recording.truth.items()
+                     if name in STATE_FIELDS}  # fmt: skip
+            message = blank_message('TactileContacts')
+            state = ContactState.assemble(layout.shape[0], {k: v[None] for k, v in known.items()})
+            fill_contacts(message, state, lambda: blank_message('TactileContact'))
+            fill_header(message.header, stamp, layout.frame_id)
+            message.sequence = row
+            message.repetition = int(recording.truth['repetition'][row])
+            put('/truth/contacts', 'TactileContacts', message, stamp)
+
+
+def blank_message(name: str) -> Any:  # noqa: ANN401
+    """Message of rosbags by its short name, every field empty or zero."""
+    store = all_types()
+    kind = next(key for key in store.types if key.endswith(f'/msg/{name}'))
+
+    def blank(what: Any) -> object:  # noqa: ANN401
+        node, inner = int(what[0]), what[1]
+        if node == 2:
+            return blank_message(inner.rpartition('/')[2])
+        if node == 1:
+            return '' if inner[0] == 'string' else np.zeros((), inner[0])[()].item()
+        (element, name), count = inner
+        if element != 1 or name[0] == 'string':
+            return []
+        return np.zeros(count, name[0])
+
+    return store.types[kind](**{field: blank(what) for field, what in store.fielddefs[kind][1]})

@@ -1,0 +1,163 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
+"""`tactile calibrate --live` with a simulated sensor that presses itself, and its sources."""
+
+from __future__ import annotations
+
+import json
+import time
+from typing import TYPE_CHECKING
+from urllib.request import urlopen
+
+import numpy as np
+import pytest
+
+from tactile_ros.cli import guided
+from tactile_ros.cli.guided import Folder, Scale, SimulatedPresses, Weights, read_plan
+from tactile_ros.cli.main import main
+from tactile_ros.devices.simulated_serial import SimulatedSerialPort
+from tactile_ros.errors import RecordingError
+from tactile_ros.evaluation.fleet import open_calibration
+from tactile_ros.evaluation.guided import Phase
+from tactile_ros.evaluation.recording_files import load, load_recording
+from tactile_ros.sensors import load_sensor
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+COMMAND = [
+    'calibrate', '--live', '--sensor', 'reskin_board', '--page', '0', '--presses', '6', '--hold',
+    '0.2', '--estimator', 'ridge', '-o', 'my.npz',
+]  # fmt: skip
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.slow
+def test_live_goes_on_after_an_interrupt_and_writes_everything(
+    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seen: list[dict[str, object]] = []
+    keep, say = Folder.keep, guided.Session.say
+
+    def interrupted(self: Folder, count: int, press: object) -> None:
+        keep(self, count, press)  # type: ignore[arg-type]
+        if count == 2:
+            raise KeyboardInterrupt
+
+    def watched(self: guided.Session, text: str) -> None:
+        if ': press' in text and not seen:
+            with urlopen(f'{self.page.address}state.json') as answer:
+                seen.append(json.load(answer)['guide'])
+        say(self, text)
+
+    monkeypatch.setattr(Folder, 'keep', interrupted)
+    assert main(COMMAND) == 130
+    monkeypatch.setattr(Folder, 'keep', keep)
+    monkeypatch.setattr(guided.Session, 'say', watched)
+    assert main(COMMAND) == 0
+    printed = capsys.readouterr()
+    assert 'going on after 2 presses' in printed.err
+    assert 'error on places held out: place' in printed.err
+    assert 'force_xyz' in printed.out
+    (told,) = seen
+    assert [one[2] for one in told['targets']] == [1, 1, 0, 0, 0, 0]  # type: ignore[attr-defined]
+    pipeline = open_calibration('my.npz')
+    assert {'position', 'force'} <= pipeline.estimators.keys()
+    presses = load_recording('my/presses.npz')
+    (bag,) = load(home / 'my' / 'bag').recordings
+    np.testing.assert_array_equal(bag.recording.values, presses.values)
+    assert 'places held out' in (home / 'my' / 'report.html').read_text()
+    # another session does not take its place
+    assert main([*COMMAND, '--truth', 'weights:50']) == 1
+    assert 'a session with other options' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('words', 'said'),
+    [
+        (['--live', '-o', 'a.npz'], 'calibrate needs a sensor'),
+        (['--live', 'my.npz', 'b.npz', '-o', 'a.npz'], 'calibrate needs a sensor'),
+        (['--live', '--sensor', 'reskin_board', '--port', 'x', '--truth', 'weights:0', '-o', 'a'],
+         'weights must be grams'),
+        (['--live', '--sensor', 'reskin_board', '--port', 'x', '--truth', 'lead', '-o', 'a'],
+         '--truth of --live must be prompts'),
+        (['--live', '--sensor', 'reskin_board', '--port', 'x', '--plan', 'no.csv', '-o', 'a'],
+         'no.csv'),
+    ],
+)  # fmt: skip
+def test_live_refuses_what_it_cannot_do(
+    home: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str
+) -> None:
+    assert main(['calibrate', *words]) in (1, 2)
+    assert said in capsys.readouterr().err
+    assert not list(home.iterdir())
+
+
+def test_plan_names_places_and_loads(tmp_path: Path) -> None:
+    file = tmp_path / 'plan.csv'
+    file.write_text('x,y,load\n0.001,0.002,\n-0.001,0,1.5\n')
+    first, second = read_plan(file)
+    np.testing.assert_array_equal(first.position, [0.001, 0.002, 0.0])
+    assert np.isnan(first.load)
+    assert second.load == 1.5
+    for text in ('a,b\n1,2\n', 'x,y\n1,two\n', 'x,y\n', 'x,y\n1,inf\n', '\x00\xff'):
+        file.write_text(text, 'latin-1')
+        with pytest.raises(ValueError, match='plan'):
+            read_plan(file)
+
+
+def test_folder_of_something_else_is_refused(tmp_path: Path) -> None:
+    (tmp_path / 'mine.txt').write_text('mine')
+    for overwrite in (False, True):
+        with pytest.raises(RecordingError, match='something else'):
+            Folder(tmp_path).begin({}, overwrite=overwrite)
+    assert [path.name for path in tmp_path.iterdir()] == ['mine.txt']
+
+
+@pytest.mark.parametrize(
+    ('line', 'load'),
+    [(b'S,+  102.0 g\r\n', 1.0003), (b'-0.5kg\n', -4.9033), (b'2.5 N\n', 2.5), (b'204\n', 2.0)],
+)
+def test_scale_reads_lines_and_falls_silent(
+    monkeypatch: pytest.MonkeyPatch, line: bytes, load: float
+) -> None:
+    monkeypatch.setattr(guided, 'SCALE_S', 0.1)
+    with SimulatedSerialPort() as port, Scale(port.port) as scale:
+        end = time.monotonic() + 10
+        while np.isnan(scale.now()[0][2]) and time.monotonic() < end:
+            port.send(line)
+        assert scale.now()[0][2] == pytest.approx(load, abs=1e-3)
+        while np.isfinite(scale.now()[0][2]) and time.monotonic() < end:
+            pass
+        assert np.isnan(scale.now()[0]).all()
+
+
+def test_weights_are_laid_on_in_turn() -> None:
+    assert Weights('50,100').loads == pytest.approx((0.4903, 0.9807), abs=1e-4)
+    for text in ('', 'a', '50,-1', 'nan'):
+        with pytest.raises(ValueError, match='weights must be grams'):
+            Weights(text)
+
+
+@pytest.mark.parametrize('key', ['gradiometer', 'magnet_pad', 'five_wire_skin', 'taxel_array'])
+def test_simulated_presses_follow_the_guide(key: str) -> None:
+    spec = load_sensor(key)
+    recording = spec.presses(spec.config(), 0, noise=0.0)
+    presses = SimulatedPresses(recording)
+    assert len(presses.targets) >= 6
+    rest = presses.signal(0.0)
+    presses.follow(Phase.PRESS, 1)
+    end = time.monotonic() + 10
+    while presses._row < presses.peaks[1] and time.monotonic() < end:
+        presses.signal(0.0)
+    assert np.abs(presses.signal(0.0) - rest).max() > 0
+    force, _ = presses.now()
+    np.testing.assert_array_equal(
+        force, np.nan_to_num(recording.truth['force'][presses.peaks[1]])
+    )
+    presses.follow(Phase.RELEASE, 1)
+    np.testing.assert_array_equal(presses.signal(0.0), rest)
