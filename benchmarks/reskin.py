@@ -33,6 +33,7 @@ SECONDS = {'quick': np.inf, 'normal': 45.0, 'full': np.inf}  # of each kind of s
 BATCH = 10_000
 COMPARED = ('ridge', 'grid_knn')
 BRIEF = ('place', 'shear')  # of a quick run, the first split of each
+PRESSES, PRESS_S = (12, 24, 48, 96, 192), 6.0  # of a hand that follows a guide
 PUBLISHED = {'place': 0.5, 'normal': 0.27, 'shear': 0.12}
 
 
@@ -71,6 +72,7 @@ def run(extent: str, command: str) -> BenchResult:
         seconds = float(np.mean([one.seconds for one in tried]))
         shares += _cost(taken[0], fits[0], seconds, times)
         fitted.append(f'{len(taken)} of {len(splits)} {kind}')
+    shares += _by_presses(sensor, found['place'], extent)
     notes = [*_notes(extent), f'splits that fit into the time: {", ".join(fitted)}']
     return BenchResult('reskin', command, seeds, rows + shares + damaged, notes)
 
@@ -254,6 +256,27 @@ def _rows(splits: list[Split], tried: list[Tried], times: tuple[float, float]) -
                 us_batch=min(batches), by_seed=found, compared=split.name, method=other)
         )  # fmt: skip
     return rows + [Row(f'  peer: {name}', unit, value) for name, value in peers.items()]
+
+
+def _by_presses(sensor: object, splits: list[Split], extent: str) -> list[Row]:
+    """Error of places by the number of presses, each at a place of its own, that were learned."""
+    rows = []
+    for count in PRESSES[: 1 if extent == 'quick' else None]:
+        figures = []
+        for seed, split in enumerate(splits):
+            (train,) = split.train
+            touched = np.flatnonzero(~train.tare)
+            plane = np.round(train.truth['position'][touched, :2].astype(float) * 1e3)
+            order = np.random.default_rng(seed).permutation(len(touched))
+            _, first = np.unique(plane[order], axis=0, return_index=True)
+            some = touched[np.sort(order[np.sort(first)[:count]])]
+            rows_of = np.sort(np.r_[some, some - 1])  # each with the tare before it
+            few = replace(split, train=(train.select(rows_of),))
+            figures.append(_figure(_errors(_fit(sensor, few), few)[0], split.target))
+        cost = f'{count} presses (about {count * PRESS_S / 60:.0f} min)'
+        what = f'place, held-out grid points, learned from {cost}'
+        rows.append(Row(what, 'mm', float(np.mean(figures)), by_seed=tuple(figures)))
+    return rows
 
 
 def _coverage(splits: list[Split], fits: list[Pipeline]) -> list[Row]:

@@ -97,7 +97,8 @@ def run(options: argparse.Namespace) -> int:
     config = read_config(spec, options.config)
     refuse_unwritable(options.output, MARK, overwrite=options.overwrite)
     if options.live:
-        return guided.run(options, spec, config)
+        print_fit(guided.run(options, spec, config), options)
+        return 0
     loaded = []
     for name in options.recordings:
         with working(f'reading {name}'):
@@ -126,12 +127,12 @@ def run(options: argparse.Namespace) -> int:
         msg = f'nothing in {", ".join(options.recordings)} can be learned: truth has '
         raise RecordingError(msg + ', '.join(names) + f'; {left_out(pipeline)}')
     pipeline.save(options.output)
-    print_fit(pipeline, options, began)
+    print_fit(pipeline, options, time.perf_counter() - began)
     return 0
 
 
-def print_fit(pipeline: Pipeline, options: argparse.Namespace, began: float) -> None:
-    """Print errors on held-out groups and what else a fit found; `began` as of perf_counter."""
+def print_fit(pipeline: Pipeline, options: argparse.Namespace, seconds: float = 0.0) -> None:
+    """Print errors on held-out groups, what else a fit found, and how long it took (s)."""
     show(COLUMNS, report_rows(pipeline), as_json=options.json)
     if left_out(pipeline):
         print(left_out(pipeline), file=sys.stderr)
@@ -140,8 +141,8 @@ def print_fit(pipeline: Pipeline, options: argparse.Namespace, began: float) -> 
     for sentence in (*slip_sentence(pipeline), *sentences(pipeline.report)):
         print(sentence, file=sys.stderr if options.json else sys.stdout)
     if not options.json:
-        seconds = time.perf_counter() - began
-        print(f'fitted in {seconds:.1f} s; metres and newton; written to {options.output}')
+        took = f'fitted in {seconds:.1f} s; ' if seconds else ''
+        print(f'{took}metres and newton; written to {options.output}')
         print(f'SHA-256 {pipeline.digest}')
         tell_if_busy()
 

@@ -144,19 +144,19 @@ class Topics(Truth):
 
     def __init__(self, wrench: str, pose: str) -> None:
         try:
-            from tactile_ros.nodes.truth_node import TruthListener
+            from tactile_ros.nodes.truth_node import TruthTopics
         except ImportError as error:
             msg = 'topics need ROS 2; use weights, a scale or prompts, or set up with make'
             raise MissingPackageError(msg) from error
-        self._listener = TruthListener(wrench, pose)
+        self._topics = TruthTopics(wrench, pose)
 
     def now(self) -> tuple[Array, Array | None]:
         """Newest of both."""
-        return self._listener.force, self._listener.position
+        return self._topics.force, self._topics.position
 
     def close(self) -> None:
         """End the node."""
-        self._listener.close()
+        self._topics.close()
 
 
 class SimulatedPresses(Truth):
@@ -232,7 +232,7 @@ class Folder(NamedTuple):
         write_beside(file, json.dumps(stated, indent=1).encode())
         return []
 
-    def keep(self, count: int, press: Recording) -> None:
+    def write(self, count: int, press: Recording) -> None:
         """Write a press."""
         save_recording(press, self.path / f'press_{count:04d}.npz')
 
@@ -331,7 +331,7 @@ class Judge:
         self.found, self.of = held_out(self._make, presses, targets), len(presses)
 
 
-def run(options: argparse.Namespace, spec: SensorSpec, config: SensorConfig) -> int:
+def run(options: argparse.Namespace, spec: SensorSpec, config: SensorConfig) -> Pipeline:
     """Guide through the presses, fit, write calibration, bag and report."""
     folder = Folder(options.output.with_suffix(''))
     recording = None if options.port else spec.presses(config, 0, noise=0.0)
@@ -381,22 +381,22 @@ class Session:
                 self.step(read)
             with working('judging on places held out'):
                 found = self.judge.finish(self.guide)
-            self.say(f'error on places held out: {found}')
+            self.log(f'error on places held out: {found}')
             worst = found.worst(options.goal_mm and 1e-3 * options.goal_mm, options.goal_n)
             if not worst or again == ROUNDS or (again and not (options.goal_mm or options.goal_n)):
                 return
             numbers = sorted({self.guide.presses[i][0] for i in worst})
             places = np.array([self.guide.targets[i].position for i in numbers])
             every = np.array([one.position for one in self.guide.targets])
-            self.say(f'{len(numbers)} more presses {where_in_words(places, every)}')
-            self.guide.ask_again(numbers)
+            self.log(f'{len(numbers)} more presses {where_in_words(places, every)}')
+            self.guide.repeat(numbers)
 
     def step(self, read: Callable[[], Frame]) -> None:
         """Take the next frame."""
         try:
             frame = read()
         except DeviceTimeout as error:
-            self.say(str(error))
+            self.log(str(error))
             return
         guide = self.guide
         before = guide.preflight
@@ -404,12 +404,12 @@ class Session:
         press = guide.step(frame, *self.truth.now())
         if guide.preflight is not before and guide.preflight is not None:
             for problem in guide.preflight.problems:
-                self.say(problem)
+                self.log(problem)
         if press is not None:
-            self.folder.keep(len(guide.presses), press)
+            self.folder.write(len(guide.presses), press)
             if len(guide.presses) >= LEAST and len(guide.presses) % ROUND == 0:
                 self.judge.begin(guide)
-        self.say(self.instruction())
+        self.log(self.instruction())
         self.page.show('', guide.layout, frame, self.nominal.process(frame))
         self.page.guide(self.as_json())
 
@@ -441,7 +441,7 @@ class Session:
             'text': self.instruction(), 'error': error,
         }  # fmt: skip
 
-    def say(self, text: str) -> None:
+    def log(self, text: str) -> None:
         """Print a line on stderr, once."""
         if text != self._said:
             self._said = text
@@ -451,17 +451,13 @@ class Session:
 def finish(
     options: argparse.Namespace, spec: SensorSpec, config: SensorConfig, guide: PressGuide,
     folder: Folder,
-) -> int:  # fmt: skip
+) -> Pipeline:  # fmt: skip
     """Fit on all presses; write calibration, bag and a report on places held out."""
-    from tactile_ros.cli.calibrate import print_fit  # which imports this file for its arguments
-
     whole = joined(guide.presses, guide.targets)
-    began = time.perf_counter()
     pipeline = spec.pipeline(config, options.estimator)
     with working(f'fitting {spec.key}'):
         pipeline.fit(whole)
         pipeline.save(options.output)
-    print_fit(pipeline, options, began)
     save_recording(whole, folder.path / 'presses.npz')
     if not (folder.path / 'bag').exists():
         write_bag(whole, folder.path / 'bag')
@@ -476,6 +472,5 @@ def finish(
         result = Result('Guided calibration', command, {**environment(), **facts},
                         (for_drawing(found),))  # fmt: skip
         write_report(folder.path / 'report.html', result)
-    if not options.json:
-        print(f'presses, bag and report in {folder.path}')
-    return 0
+    print(f'presses, bag and report in {folder.path}', file=sys.stderr)
+    return pipeline

@@ -301,7 +301,7 @@ class PressGuide:
         self._rest.clear()
         return press
 
-    def ask_again(self, numbers: Sequence[int]) -> None:
+    def repeat(self, numbers: Sequence[int]) -> None:
         """Ask for one more press at each of some targets."""
         self.wanted[numbers] = self.counts[numbers] + 1
         self.phase = Phase.REST
@@ -445,9 +445,8 @@ def blank_message(name: str) -> Any:  # noqa: ANN401
             return blank_message(inner.rpartition('/')[2])
         if node == 1:
             return '' if inner[0] == 'string' else np.zeros((), inner[0])[()].item()
-        (element, name), count = inner
-        if element != 1 or name[0] == 'string':
-            return []
-        return np.zeros(count, name[0])
+        (element, part), count = inner
+        return [] if element != 1 or part[0] == 'string' else np.zeros(count, part[0])
 
-    return store.types[kind](**{field: blank(what) for field, what in store.fielddefs[kind][1]})
+    known: dict[str, Any] = {name: blank(what) for name, what in store.fielddefs[kind][1]}
+    return store.types[kind](**known)

@@ -18,7 +18,7 @@ from tactile_ros.messages import vector
 from tactile_ros.types import Array, Closing
 
 
-class TruthListener(Closing):
+class TruthTopics(Closing):
     """Newest force (3,) (N) and place (3,) (m) of two topics, each listened to where it is named.
 
     `position` is None without a topic; what has not come yet is NaN.

@@ -41,10 +41,10 @@ def test_live_goes_on_after_an_interrupt_and_writes_everything(
     home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     seen: list[dict[str, object]] = []
-    keep, say = Folder.keep, guided.Session.say
+    write, log = Folder.write, guided.Session.log
 
     def interrupted(self: Folder, count: int, press: object) -> None:
-        keep(self, count, press)  # type: ignore[arg-type]
+        write(self, count, press)  # type: ignore[arg-type]
         if count == 2:
             raise KeyboardInterrupt
 
@@ -52,12 +52,12 @@ def test_live_goes_on_after_an_interrupt_and_writes_everything(
         if ': press' in text and not seen:
             with urlopen(f'{self.page.address}state.json') as answer:
                 seen.append(json.load(answer)['guide'])
-        say(self, text)
+        log(self, text)
 
-    monkeypatch.setattr(Folder, 'keep', interrupted)
+    monkeypatch.setattr(Folder, 'write', interrupted)
     assert main(COMMAND) == 130
-    monkeypatch.setattr(Folder, 'keep', keep)
-    monkeypatch.setattr(guided.Session, 'say', watched)
+    monkeypatch.setattr(Folder, 'write', write)
+    monkeypatch.setattr(guided.Session, 'log', watched)
     assert main(COMMAND) == 0
     printed = capsys.readouterr()
     assert 'going on after 2 presses' in printed.err

@@ -106,10 +106,11 @@ class Card {
   targets(pen, at, radius) {
     guide.targets.forEach(([px, py, count], i) => {
       const [x, y] = at(px, py), next = i === guide.next;
-      pen.strokeStyle = ink(next ? '--bad' : '--ink'); pen.fillStyle = ink('--ink'); pen.lineWidth = next ? 4 : 1.5;
-      pen.beginPath(); pen.arc(x, y, next ? Math.max(10, 1.4 * radius) : 4, 0, 2 * Math.PI);
-      if (count && !next) pen.fill();
-      pen.stroke();
+      pen.fillStyle = ink(count ? '--ink' : '--paper'); pen.strokeStyle = ink(count ? '--paper' : '--ink'); pen.lineWidth = 1.5;
+      pen.beginPath(); pen.arc(x, y, 5, 0, 2 * Math.PI); pen.fill(); pen.stroke();
+      if (!next) return;
+      pen.strokeStyle = ink('--bad'); pen.lineWidth = 4;
+      pen.beginPath(); pen.arc(x, y, Math.max(12, 1.4 * radius), 0, 2 * Math.PI); pen.stroke();
     });
   }
 

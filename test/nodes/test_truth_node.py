@@ -1,0 +1,44 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
+"""True force and place from topics of another process' publishers."""
+
+from __future__ import annotations
+
+import time
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+pytestmark = [
+    pytest.mark.ros,
+    pytest.mark.skipif(find_spec('rclpy') is None, reason='without ROS 2'),
+]
+
+
+def test_topics_give_the_newest_force_and_place() -> None:
+    import rclpy
+    from geometry_msgs.msg import PoseStamped, WrenchStamped
+
+    from tactile_ros.nodes.truth_node import TruthTopics
+
+    with TruthTopics('/ft', '/tip') as truth:
+        assert np.isnan(truth.force).all()
+        node = rclpy.create_node('bench')
+        wrench, pose = WrenchStamped(), PoseStamped()
+        wrench.wrench.force.z, pose.pose.position.x = 2.5, 0.004
+        publishers = [
+            (node.create_publisher(WrenchStamped, '/ft', 1), wrench),
+            (node.create_publisher(PoseStamped, '/tip', 1), pose),
+        ]
+        end = time.monotonic() + 20
+        while time.monotonic() < end and (
+            np.isnan(truth.force).any() or np.isnan(truth.position).any()
+        ):
+            for publisher, message in publishers:
+                publisher.publish(message)
+            time.sleep(0.02)
+        node.destroy_node()
+        np.testing.assert_array_equal(truth.force, [0, 0, 2.5])
+        np.testing.assert_array_equal(truth.position, [0.004, 0, 0])
+    with TruthTopics('/ft', '') as alone:
+        assert alone.position is None
