@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ast
 import dataclasses
+import json
 import re
 import sys
 from pathlib import Path
@@ -64,6 +65,7 @@ def made_pages() -> dict[str, str]:
         'ros_reference.md': ros_reference,
         'api.md': api,
         'design.md': design,
+        'results.md': results,
     }
     return {name: make() for name, make in pages.items()}
 
@@ -80,6 +82,32 @@ def table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
     lines = [list(head), ['---'] * len(list(head)), *map(list, rows)]
     cells = [[str(cell).replace('|', '\\|').replace('\n', ' ') for cell in line] for line in lines]
     return '\n'.join(f'| {" | ".join(line)} |' for line in cells) + '\n'
+
+
+def results() -> str:
+    """Golden figures of every bench, which `make bench-check` holds changes against."""
+    parts = [
+        '# Results',
+        'Accuracy, coverage and counts of the quick seeds, by bench; `tactile bench NAME --quick` '
+        'prints them. *spread* is the standard deviation over seeds. Times depend on the machine '
+        'and stand in the report of a run.',
+    ]
+    for path in sorted((ROOT / 'benchmarks' / 'golden').glob('*.json')):
+        rows = []
+        for row in json.loads(path.read_bytes()):
+            ours, aim, low = row['ours'], row['aim'], row['better'] == 'low'
+            if ours is None:
+                continue
+            sign = held = ''
+            if aim is not None:
+                sign = f'{"≤" if low else "≥"} {aim:.3g}'
+                held = 'held' if (ours <= aim if low else ours >= aim) else '**missed**'
+            spread = '' if row['spread'] is None else f'{row["spread"]:.2g}'
+            rows.append((row['what'].strip(), row['unit'], f'{ours:.3g}', spread, sign, held))
+        if rows:
+            head = ('figure', 'unit', 'ours', 'spread', 'aim', '')
+            parts += [f'## {path.stem}', table(head, rows)]
+    return '\n\n'.join(parts) + '\n'
 
 
 def ros_reference() -> str:

@@ -47,3 +47,11 @@ def test_reference_has_every_interface_and_parameter(made: dict[str, str]) -> No
 def test_home_links_to_pages_of_the_site(made: dict[str, str]) -> None:
     assert '](docs/' not in made['index.md']
     assert '](reskin_board.md)' in made['index.md']
+
+
+def test_results_have_every_bench_with_figures(made: dict[str, str]) -> None:
+    page = made['results.md']
+    for bench in ('reskin', 'gradiometer', 'grasp'):
+        assert f'## {bench}' in page
+    assert '| held |' in page
+    assert '| **missed** |' in page
