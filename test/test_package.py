@@ -53,6 +53,20 @@ def test_executables_have_their_modules() -> None:
         assert re.search(rf'^(def|class) {builder}\b', text, re.M)
 
 
+def test_pixi_names_what_the_package_depends_on() -> None:
+    pixi = (ROOT / 'pixi.toml').read_text()
+    project = (ROOT / 'pyproject.toml').read_text()
+    package = ET.parse(ROOT / 'package.xml')
+    ros = [one.text or '' for kind in ('depend', 'exec_depend') for one in package.iter(kind)]
+    for name in (name for name in ros if not name.startswith(('python3', 'launch', 'rosidl'))):
+        assert f'ros-kilted-{name.replace("_", "-")} = ' in pixi
+    for extra in ('devices', 'cli', 'evaluation', 'embedding'):
+        listed = re.search(rf'^{extra} = \[(.*)\]$', project, re.M)
+        assert listed
+        for name in re.findall(r"'([\w-]+)", listed[1]):
+            assert f'\n{name} = ' in pixi
+
+
 def test_recordings_of_the_independent_world_are_not_installed() -> None:
     installed = (ROOT / 'CMakeLists.txt').read_text(), (ROOT / 'pyproject.toml').read_text()
     assert (ROOT / 'benchmarks' / 'independent' / 'data').is_dir()
