@@ -5,12 +5,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING
+from math import nan
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 if TYPE_CHECKING:
-
     import numpy.typing as npt
 
     from tactile_ros.control.config import GripConfig
@@ -37,6 +37,19 @@ class GraspOutcome(IntEnum):
     SLIPPED = 2
     TIMEOUT = 3
     FAULT = 4
+
+
+class FingerInput(NamedTuple):
+    """Row of a GripInput, with the defaults of what is not stated."""
+
+    normal: float
+    tangential: float
+    valid: bool
+    slip: int
+    age: float
+    new: bool = True
+    sigma: float = nan
+    framed: bool = True
 
 
 @dataclass(frozen=True)
@@ -84,13 +97,25 @@ class GripInput:
 
     def refuse_misfit(self, fingers: int, drives: int) -> None:
         """Raise ValueError where an array has another shape than the fingers or drives."""
-        by_finger = ('normal', 'tangential', 'valid', 'slip', 'age', 'new', 'sigma', 'framed')
-        for count, names in ((fingers, by_finger), (drives, ('closure', 'pressed'))):
+        for count, names in ((fingers, FingerInput._fields), (drives, ('closure', 'pressed'))):
             for name in names:
                 array = getattr(self, name)
                 if array is not None and array.shape != (count,):
                     msg = f'{name} of GripInput must have shape ({count},); received {array.shape}'
                     raise ValueError(msg)
+
+    def by_finger(self) -> list[FingerInput]:
+        """Inputs of each finger."""
+        missing = FingerInput._field_defaults
+        columns = [
+            [missing[name]] * len(self.normal) if column is None else column.tolist()
+            for name, column in ((name, getattr(self, name)) for name in FingerInput._fields)
+        ]
+        return [FingerInput(*row) for row in zip(*columns, strict=True)]
+
+    def by_drive(self) -> list[float]:
+        """Force that each drive tells (N); NaN: not known."""
+        return [nan] * len(self.closure) if self.pressed is None else self.pressed.tolist()
 
 
 @dataclass(frozen=True)
@@ -168,21 +193,10 @@ class GraspProgress:
 
 
 class GraspSequence:
-    """Judge the steps of one grasp, or of an opening.
+    """Judge the steps of one grasp, or of an opening where the hand `opens`.
 
-    Parameters
-    ----------
-    config : GripConfig
-        Time after which a fault ends it.
-    timeout : float
-        Longest time (s); 0: `GRASP_TIME`.
-    opens : bool
-        The hand is to open.
-
-    Raises
-    ------
-    ValueError
-        If the timeout is below 0 or not finite.
+    It ends at a timeout (s; 0: `GRASP_TIME`; ValueError where that is below 0 or not finite), or
+    after a fault of `fault_time` of the config.
     """
 
     def __init__(self, config: GripConfig, timeout: float = 0.0, opens: bool = False) -> None:

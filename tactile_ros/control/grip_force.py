@@ -1,23 +1,13 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Grip-force law: close, touch, load, hold, release; safe when an input cannot be trusted.
 
-Plant: a position drive against an object. After a dead time L the force of a pad follows the
-command of its drive with a time constant T and the gain K (N per closure). K of a drive that gives
-way is at most its own, K = (lever . closing) / sum(lever^2 / kp), whatever the object; between the
-limits of `Drive` it is learned from force over the command as the plant delays it.
-
-Regulator: PI with the SIMC rules of that plant, Kc = T / (K (Tc + L)) and Ti = min(T, 4 (Tc + L)),
-so that one setting serves every stiffness and slow hands get slow loops; back-calculation against
-windup, also from what joints, torque clips and rates let through. An approach goes no further in
-the time that the hand needs to react than the stiffest object yields under `IMPACT` asked forces.
+Each drive moves until a finger touches and is regulated on force from then on (`ForcePi`); targets
+of the fingers grow together (`GripTargets`). An approach goes no further in the time that the hand
+needs to react than the stiffest object yields under `IMPACT` asked forces.
 
 Fingers that oppose each other on a free object would push it to the weaker sensor: the part of
 their errors that pushes counts by `NET` until all are settled, for `NET_TIME` at most; afterwards
 only errors that leave the object where it is are regulated.
-
-Sources: S. Skogestad, Simple analytic rules for model reduction and PID controller tuning, J.
-Process Control 13 (2003) 291, Table 1; K. J. Astrom and T. Hagglund, Advanced PID Control (2006),
-sec. 3.5.
 """
 
 from __future__ import annotations
@@ -28,15 +18,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.control.config import Drive
-from tactile_ros.control.finger import (
-    CLOSED,
-    ON_SIGMAS,
-    SAME,
-    ZERO_TIME,
-    DriveLaw,
-    Finger,
-    bounded,
-)
+from tactile_ros.control.finger import ON_SIGMAS, ZERO_TIME, Finger
+from tactile_ros.control.force_pi import CLOSED, ForcePi, bounded
 from tactile_ros.control.grasp_sequence import GRASPING, HOLDING, GripInput, GripPhase, GripStep
 from tactile_ros.control.targets import GripTargets
 
@@ -58,9 +41,7 @@ SETTLED, SETTLED_SIGMAS, SETTLED_TIME, AVERAGED = 0.07, 0.5, 0.3, 0.08  # of a t
 MOST_ERROR = 0.1  # of the target: a held finger has no more
 NET, NET_TIME = 0.5, 3.0  # share of errors that push an object, s of a load
 STRONGEST = 1.2  # targets that the strongest reading may have while sides disagree
-RANGE = 3.0  # largest targets beyond which a reading is none
-LATE = 1.5  # periods without a new force: one may be missed or cross with a step
-
+SAME = 1e-9  # closure within which a command was admitted as it was
 
 NOT_ASKED = 'no grasp was asked for'
 
@@ -109,22 +90,20 @@ class GripForce:
         plants: Sequence[Drive] | None = None,
         names: Sequence[str] | None = None,
     ) -> None:
+        self._order = order = [int(drive) for drive in drives]
+        placed = [0] * len(order) if sides is None else [int(side) for side in sides]
+        refuse_order(order, placed)
+        called = [f'finger {i}' for i in range(len(order))] if names is None else names
+        plain = [Drive(config.stiffness_low, config.stiffness_high)] * (max(order) + 1)
         self.config = config
-        self._drives = [int(drive) for drive in drives]
-        count = len(self._drives)
-        self._sides = [0] * count if sides is None else [int(side) for side in sides]
-        refuse_order(self._drives, self._sides)
-        self.names = [f'finger {i}' for i in range(count)] if names is None else list(names)
-        plain = Drive(config.stiffness_low, config.stiffness_high)
-        each = [plain] * (max(self._drives) + 1) if plants is None else list(plants)
-        self.laws = [DriveLaw(config, drive) for drive in each]
-        self.fingers = [Finger(config, each[drive]) for drive in self._drives]
-        self._of = [
-            [i for i, drive in enumerate(self._drives) if drive == a] for a in range(len(each))
+        self.laws = [ForcePi(config, plant) for plant in plants or plain]
+        self.fingers = [
+            Finger(config, self.laws[drive], name, side)
+            for drive, name, side in zip(order, called, placed, strict=True)
         ]
-        self._targets = GripTargets(config, self._sides)
-        self._opposed = {-1, 1} <= set(self._sides)
-        self._used = [True] * count
+        self._groups = [(law, [f for f in self.fingers if f.law is law]) for law in self.laws]
+        self._targets = GripTargets(config, self.fingers)
+        self._opposed = {-1, 1} <= set(placed)
         self._active = self._started = False
         self._age = inf
         self._forget()
@@ -133,10 +112,9 @@ class GripForce:
         """Nothing is held: another object may come."""
         self.phase = GripPhase.IDLE
         self._waited = self._calm = self._unseen = self._since = 0.0
-        self._has_settled = False
-        self._trusted, self._held = True, False
+        self._has_settled = self._held = self._has_begun = False
+        self._trusted = True
         self._idle, self._opens, self.fault = NOT_ASKED, '', ''
-        self._has_begun = False
         self._targets.restart()
         for finger in self.fingers:
             finger.forget()
@@ -164,10 +142,9 @@ class GripForce:
     def _rest(self, why: str) -> None:
         """Stop where the hand is; what it holds is remembered, since posture holds it."""
         held = self.holds or (self.fault != '' and self.phase != GripPhase.IDLE)
-        self.phase, self._idle, self._held = GripPhase.IDLE, why, held
         if not held:
             self._forget()
-            self._idle = why
+        self.phase, self._idle, self._held = GripPhase.IDLE, why, held
 
     def move_away(self) -> None:
         """Forget posture and object: the hand was moved by others."""
@@ -199,7 +176,7 @@ class GripForce:
         ValueError
             If the law is not active, no finger takes part, or a force is out of its range.
         """
-        count = len(self._drives)
+        count = len(self.fingers)
         used = [True] * count if fingers is None else [bool(use) for use in fingers]
         targets = np.broadcast_to(np.asarray(target_force, np.float64), (count,)).tolist()
         if not self._active:
@@ -211,8 +188,9 @@ class GripForce:
             self._started = False
         if not held:
             self._forget()
-        self._used = used
-        self._targets.ask(targets, used, adapt)
+        for finger, use in zip(self.fingers, used, strict=True):
+            finger.used = use
+        self._targets.begin(targets, adapt)
         self.phase = GripPhase.LOAD if held else GripPhase.CLOSE
         self._held, self._calm, self.fault = held, 0.0, ''
         self._since, self._has_settled = 0.0, False
@@ -237,10 +215,15 @@ class GripForce:
         ValueError
             If a shape differs from the fingers and drives.
         """
-        given.refuse_misfit(len(self._drives), len(self.laws))
+        given.refuse_misfit(len(self.fingers), len(self.laws))
+        for finger, row in zip(self.fingers, given.by_finger(), strict=True):
+            finger.given = row
         refusal = self._refusal(given, dt)
         if not self._active or self.phase == GripPhase.IDLE:
-            self._rest_fingers(given, dt)
+            if not refuse_step(dt, self.config.stale_age):
+                self._judge(given)
+                for finger in self.fingers:
+                    finger.rest(dt)
             return self._made(False, refusal)
         if refusal:
             return self._safe(given, refusal, dt)
@@ -269,25 +252,27 @@ class GripForce:
 
     def tare(self, finger: int) -> None:
         """Stop where the hand is if a finger that holds was tared: its force is none now."""
-        if self.phase in HOLDING and self._used[finger]:
-            self.fault = (
-                f'{self.names[finger]} was tared while it holds: its sensor cannot be trusted'
-            )
+        one = self.fingers[finger]
+        if self.phase in HOLDING and one.used:
+            self.fault = f'{one.name} was tared while it holds: its sensor cannot be trusted'
 
     def shortfalls(self) -> list[str]:
         """Fingers that take part and do not press what they are asked for, each with why."""
         found = []
-        for i, (name, finger) in enumerate(zip(self.names, self.fingers, strict=True)):
-            target, law = self._targets.now[i], self.laws[self._drives[i]]
-            if not self._used[i]:
+        for finger in self.fingers:
+            name, law = finger.name, finger.law
+            if not finger.used:
                 continue
             if not finger.good:
                 found.append(f'{name} {finger.why.split(" (")[0]}')
             elif not finger.touching:
                 found.append(f'{name} touches nothing')
-            elif abs(self._error(self._drives[i])) > MOST_ERROR * target + finger.sigma:
-                why = f': {law.stop}' if law.stop and finger.normal < target else ''
-                found.append(f'{name} presses {finger.normal:.2f} of {target:.2f} N{why}')
+            else:
+                error = _mean([f.error for f in self.fingers if f.law is law and f.pressing])
+                if abs(error) > MOST_ERROR * finger.target + finger.sigma:
+                    why = f': {law.stop}' if law.stop and finger.normal < finger.target else ''
+                    pressed = f'{finger.normal:.2f} of {finger.target:.2f} N'
+                    found.append(f'{name} presses {pressed}{why}')
         return found
 
     # inputs ------------------------------------------------------------------------------------
@@ -310,29 +295,16 @@ class GripForce:
 
     def _judge(self, given: GripInput) -> str:
         """Judge the forces; the reason why too few can be used, or empty."""
-        limit, most = self.config.stale_age, RANGE * self.config.force_high
-        rows = zip(given.normal.tolist(), given.age.tolist(), given.valid.tolist(), strict=True)
-        self._age = 0.0
-        for finger, (force, age, valid) in zip(self.fingers, rows, strict=True):
-            finger.why = ''
-            if not 0.0 <= age <= limit:
-                finger.why = f'is stale ({age:.3f} s)' if age < inf else 'was never heard'
-            elif not valid:
-                finger.why = 'says that it is not valid'
-            elif not isfinite(force):
-                finger.why = 'gives a force that is not a number'
-            elif abs(force) > most:
-                finger.why = f'reads {force:.3g} N, which no finger can'
-            else:
-                self._age = max(self._age, age)
-        pairs = zip(self.names, self.fingers, self._used, strict=True)
-        used = [(name, finger) for name, finger, use in pairs if use]
-        good = sum(finger.good for _, finger in used)
-        if good and (good >= self.config.fewest_fingers or good == len(used)):
+        for finger in self.fingers:
+            finger.judge()
+        self._age = max((f.given.age for f in self.fingers if f.good), default=0.0)
+        used = [finger for finger in self.fingers if finger.used]
+        bad = [finger for finger in used if not finger.good]
+        good = len(used) - len(bad)
+        if good and (good >= self.config.fewest_fingers or not bad):
             return ''
         self._age = self._age if good else inf
-        name, worst = next((name, finger) for name, finger in used if not finger.good)
-        return given.blocked or f'{name} {worst.why}'
+        return given.blocked or f'{bad[0].name} {bad[0].why}'
 
     def _hand_refusal(self, given: GripInput) -> str:
         """Reason why the hand itself cannot be trusted; empty if it can."""
@@ -348,266 +320,178 @@ class GripForce:
 
     def _start(self, given: GripInput) -> None:
         """Begin where the drives are, pressing with what they press now."""
-        pressed = np.full(len(self.laws), nan) if given.pressed is None else given.pressed
-        for law, closure, force in zip(
-            self.laws, given.closure.tolist(), pressed.tolist(), strict=True
-        ):
-            if self._held and law.drive.is_soft and force > 0.0:
-                law.seat(closure + force / law.drive.own, closure)
+        rows = zip(self.laws, given.closure.tolist(), given.by_drive(), strict=True)
+        for law, closure, force in rows:
+            if self._held and law.plant.is_soft and force > 0.0:
+                law.reset(closure + force / law.plant.own, closure)
             else:
-                law.seat(closure, closure if self._held else nan)
+                law.reset(closure, closure if self._held else nan)
         self._started = True
-
-    def _new(self, given: GripInput) -> list[bool]:
-        """Fingers whose usable force is new."""
-        new = [True] * len(self.fingers) if given.new is None else given.new.tolist()
-        return [is_new and finger.good for is_new, finger in zip(new, self.fingers, strict=True)]
-
-    def _rest_fingers(self, given: GripInput, dt: float) -> None:
-        """Learn the zero of fingers at rest."""
-        if refuse_step(dt, self.config.stale_age):
-            return
-        self._judge(given)
-        for finger, force, new in zip(
-            self.fingers, given.normal.tolist(), self._new(given), strict=True
-        ):
-            finger.waited += dt
-            if new:
-                finger.witness.rest(force, min(finger.waited, self.config.stale_age))
-            elif not finger.good:
-                finger.witness.forget_zero()
-            if new:
-                finger.waited = 0.0
 
     def _sense(self, given: GripInput, dt: float) -> None:
         """Take in the forces; an approach ends where a finger touches."""
-        before = [bool(self._on(drive)) for drive in range(len(self.laws))]
-        noise = [nan] * len(self.fingers) if given.sigma is None else given.sigma.tolist()
-        rows = zip(
-            self.fingers, self._new(given), given.normal.tolist(), given.tangential.tolist(),
-            given.slip.tolist(), noise, self._targets.asked, strict=True,
-        )  # fmt: skip
-        for finger, new, normal, across, said, sigma, asked in rows:
-            finger.waited += dt
-            if new:
-                finger.take(normal, across, said, sigma, asked, finger.waited)
-                finger.waited = 0.0
-            elif not finger.good:
-                finger.slip.blind()
+        before = [bool(_pressing(fingers)) for _, fingers in self._groups]
+        for finger in self.fingers:
+            finger.sense(dt)
+        closures = given.closure.tolist()
         if given.pressed is not None:
-            self._contradict(given, dt)
-        for drive, law in enumerate(self.laws):
+            self._contradict(closures, given.by_drive(), dt)
+        for (law, fingers), had, closure in zip(self._groups, before, closures, strict=True):
             law.let_time_pass(dt)
-            touches = self._on(drive) and not before[drive]
+            touches = _pressing(fingers) and not had
             if touches and self.phase in (GripPhase.CLOSE, GripPhase.TOUCH):
-                law.meet(float(given.closure[drive]))
+                law.meet(closure)
 
-    def _on(self, drive: int) -> list[int]:
-        """Touching fingers of a drive whose force is known."""
-        return [i for i in self._of[drive] if self.fingers[i].touching and self.fingers[i].good]
-
-    def _is_late(self, finger: Finger) -> bool:
-        """Judge whether a finger that is known has given no force for longer than its period."""
-        return finger.good and finger.waited > LATE * self.config.slowest_period
+    def _contradict(self, closures: list[float], pressed: list[float], dt: float) -> None:
+        """Ask the drives of the fingers that take part, each of which has one of its own."""
+        for finger, drive in zip(self.fingers, self._order, strict=True):
+            if finger.used and finger.good and self._order.count(drive) == 1:
+                why = finger.contradiction(pressed[drive], closures[drive], dt)
+                if why and not self.fault:
+                    self.fault = f'{finger.name} {why}: its sensor cannot be trusted'
 
     def _has_zero(self, given: GripInput) -> bool:
         """Judge the zeros of fingers at rest; one that reads a force is named."""
-        asked = max(self._targets.asked)
-        noise = [nan] * len(self.fingers) if given.sigma is None else given.sigma.tolist()
         if self._has_begun:
             return True
-        for i, finger in enumerate(self.fingers):
+        asked, pressed = self._targets.strongest, given.by_drive()
+        for finger, drive in zip(self.fingers, self._order, strict=True):
             witness = finger.witness
-            if not (self._used[i] and finger.good):
+            if not (finger.used and finger.good):
                 continue
             if witness.zero_time < ZERO_TIME:
-                witness.rest(float(given.normal[i]), self.config.slowest_period)
+                witness.rest(finger.given.normal, self.config.slowest_period)
                 return False
-            sigma = noise[i] if noise[i] > 0.0 else self.config.force_noise
-            pressed = nan if given.pressed is None else float(given.pressed[self._drives[i]])
-            if witness.biased(sigma, asked) and not witness.supports(pressed):
+            if witness.biased(finger.noise, asked) and not witness.supports(pressed[drive]):
                 self.fault = (
-                    f'{self.names[i]} reads {witness.zero:.2f} N before closing: tare it while '
+                    f'{finger.name} reads {witness.zero:.2f} N before closing: tare it while '
                     'nothing touches it'
                 )
                 return False
         self._has_begun = True
         return True
 
-    def _contradict(self, given: GripInput, dt: float) -> None:
-        """Ask the witnesses of the fingers that take part."""
-        new = self._new(given)
-        for i, finger in enumerate(self.fingers):
-            law = self.laws[self._drives[i]]
-            if not (self._used[i] and finger.good) or len(self._of[self._drives[i]]) > 1:
-                continue
-            told = float(given.pressed[self._drives[i]])  # type: ignore[index]
-            pressed = told - law.trailing * law.drive.own
-            if finger.touching:
-                target, raw = self._targets.now[i], float(given.normal[i])
-                why = finger.witness.press(raw, new[i], pressed, target, law.command, dt)
-            else:
-                asked, moved = self._targets.asked[i], float(given.closure[self._drives[i]])
-                ways = law.command, moved
-                why = finger.witness.approach(finger.normal, pressed, asked, ways, dt)
-            if why and not self.fault:
-                self.fault = f'{self.names[i]} {why}: its sensor cannot be trusted'
-
     # decisions ---------------------------------------------------------------------------------
 
     def _decide(self, given: GripInput, dt: float) -> None:
         """Phase, targets and commands; all stay while a finger is late."""
-        if any(self._is_late(finger) for finger in self.fingers):
+        if any(finger.late for finger in self.fingers):
             for law in self.laws:
                 law.stay()
             return
-        if self.phase == GripPhase.LOAD and not any(self._targets.now):  # held from elsewhere
-            self._targets.now = [f.normal if f.touching else 0.0 for f in self.fingers]
-        self._advance(given, dt)
-        self._drive(given, dt)
+        if self.phase == GripPhase.LOAD and not any(f.target for f in self.fingers):
+            for finger in self.fingers:  # held from elsewhere
+                finger.target = finger.normal if finger.touching else 0.0
+        self._advance(dt)
+        self._drive(given.closure.tolist(), dt)
 
-    def _advance(self, given: GripInput, dt: float) -> None:
+    def _advance(self, dt: float) -> None:
         """Phase and targets."""
-        touching = [finger.touching for finger in self.fingers]
-        if self.phase == GripPhase.CLOSE and any(map(self._on, range(len(self.laws)))):
+        if self.phase == GripPhase.CLOSE and _pressing(self.fingers):
             self.phase, self._waited = GripPhase.TOUCH, 0.0
         if self.phase == GripPhase.TOUCH:
-            pairs = zip(self.fingers, self._targets.asked, strict=True)
-            levels = [max(min(WAITING * f.on, WAITING_SHARE * t), f.on) for f, t in pairs]
-            self._targets.touch(levels)
+            for finger in self.fingers:
+                level = min(WAITING * finger.on, WAITING_SHARE * finger.asked)
+                finger.target = min(max(level, finger.on), finger.asked)
             self._waited += dt
             if self._gathered():
                 self.phase = GripPhase.LOAD
         if self.phase in HOLDING:
             self._since += dt
             self._has_settled |= self._calm >= SETTLED_TIME
-            self._targets.share(touching)
-            framed = [True] * len(touching) if given.framed is None else given.framed.tolist()
-            forces = [f.normal if f.touching and f.good else nan for f in self.fingers]
-            full = any(law.stop for law in self.laws)
-            slips = [finger.slip for finger in self.fingers]
-            reached = self._targets.grow(slips, framed, forces, full, dt)
+            self._targets.share()
+            reached = self._targets.grow(any(law.stop for law in self.laws), dt)
             if self.phase == GripPhase.LOAD and reached:
                 self.phase = GripPhase.HOLD
 
     def _gathered(self) -> bool:
         """Judge whether all fingers touch, or were waited for and both sides do."""
-        felt = [i for i, use in enumerate(self._used) if use and self.fingers[i].good]
-        if all(self.fingers[i].touching for i in felt):
+        felt = [finger for finger in self.fingers if finger.used and finger.good]
+        touching = [finger for finger in felt if finger.touching]
+        if len(touching) == len(felt):
             return True
-        sides = {self._sides[i] for i in felt}
-        both = all(
-            any(self.fingers[i].touching for i in felt if self._sides[i] == side) for side in sides
-        )
+        both = {finger.side for finger in touching} == {finger.side for finger in felt}
         return self._waited > TOUCH_TIME and both
 
-    def _drive(self, given: GripInput, dt: float) -> None:
+    def _drive(self, closures: list[float], dt: float) -> None:
         """Commands: approach what nothing touches, regulate what touches."""
-        closures = given.closure.tolist()
-        on = [self._on(drive) for drive in range(len(self.laws))]
-        complete = all(self.fingers[i].unspent for fingers in on for i in fingers)
-        for drive, touching in enumerate(on):
-            law = self.laws[drive]
-            if not touching:
-                law.move(self._approach(drive, closures[drive]), dt)
+        touching = _pressing(self.fingers)
+        complete = all(finger.unspent for finger in touching)
+        rows = [
+            (law, fingers, _pressing(fingers), closure)
+            for (law, fingers), closure in zip(self._groups, closures, strict=True)
+        ]
+        for law, fingers, on, closure in rows:
+            if not on:
+                law.move(self._approach(law, fingers, closure), dt)
             elif not complete:
                 law.follow(dt)
         if not complete:
             self._unseen += dt
             return
-        errors = self._errors()
-        calm = self.phase == GripPhase.HOLD and any(on)
+        self._share_errors()
         # an object that one side pushes away feels soft: that is not its stiffness
-        sides = {self._sides[i] for fingers in on for i in fingers}
-        gripped = sides >= ({-1, 1} if self._opposed else set())
-        for drive, touching in enumerate(on):
-            law = self.laws[drive]
-            if not touching:
-                calm = calm and self._is_shut(drive)
-                continue
-            error = sum(errors[i] for i in touching) / len(touching)
-            force = sum(self.fingers[i].normal for i in touching) / len(touching)
-            target = sum(self._targets.now[i] for i in touching) / len(touching)
-            law.touched += dt + self._unseen
-            if law.drive.is_soft and law.touched > law.reaction and gripped:
-                law.stiffness.step(law.free, force, self.fingers[touching[0]].sigma)
-            elif not law.drive.is_soft and gripped and isfinite(closures[drive]):
-                law.stiffness.step(closures[drive], force, self.fingers[touching[0]].sigma)
-            law.regulate(target, target - error, dt, self._unseen)
-            calm = calm and self._is_settled(drive, touching, dt)
+        gripped = not self._opposed or {-1, 1} <= {finger.side for finger in touching}
+        calm = self.phase == GripPhase.HOLD and bool(touching)
+        for law, fingers, on, closure in rows:
+            if on:
+                self._regulate(law, on, closure, gripped, dt)
+                calm = calm and _is_settled(law, on, dt)
+            else:
+                calm = calm and _is_shut(law, fingers)
         self._calm = self._calm + dt + self._unseen if calm else 0.0
         self._unseen = 0.0
         for finger in self.fingers:
             finger.unspent = False
 
-    def _is_shut(self, drive: int) -> bool:
-        """Judge whether a drive can close no further, also where nothing is felt of it."""
-        law = self.laws[drive]
-        feels = any(self.fingers[i].good and self._used[i] for i in self._of[drive])
-        return not feels or law.stop != '' or law.command >= CLOSED
+    def _regulate(
+        self, law: ForcePi, on: list[Finger], closure: float, gripped: bool, dt: float
+    ) -> None:
+        """Command of a drive by the mean force of its fingers, whose stiffness is learned."""
+        error = _mean([finger.regulated for finger in on])
+        force = _mean([finger.normal for finger in on])
+        target = _mean([finger.target for finger in on])
+        law.touched += dt + self._unseen
+        if law.plant.is_soft:
+            closure = law.free if law.touched > law.reaction else nan
+        if gripped and isfinite(closure):
+            law.stiffness.step(closure, force, on[0].sigma)
+        law.regulate(target, target - error, dt, self._unseen)
 
-    def _is_settled(self, drive: int, touching: list[int], dt: float) -> bool:
-        """Judge whether the mean error of a drive is small, and no limit holds it back."""
-        error = 0.0
-        for i in touching:
-            finger, target = self.fingers[i], self._targets.now[i]
-            last = finger.error if isfinite(finger.error) else target - finger.normal
-            finger.error = last + min(dt / AVERAGED, 1.0) * (target - finger.normal - last)
-            error += finger.error / len(touching)
-        target = sum(self._targets.now[i] for i in touching) / len(touching)
-        sigma = max(self.fingers[i].sigma for i in touching)
-        limited = self.laws[drive].stop != '' and error > 0.5 * SETTLED * target
-        return not limited and abs(error) <= SETTLED * target + SETTLED_SIGMAS * sigma
-
-    def _error(self, drive: int) -> float:
-        """Mean error of force of a drive's touching fingers (N)."""
-        on = self._on(drive)
-        pairs = [(self._targets.now[i], self.fingers[i].normal) for i in on]
-        return sum(target - force for target, force in pairs) / max(len(on), 1)
-
-    def _errors(self) -> list[float]:
+    def _share_errors(self) -> None:
         """Errors of touching fingers (N), without what would push a free object further."""
-        on = [f.touching and f.good for f in self.fingers]
-        targets = self._targets.now
-        errors = [
-            target - finger.normal if touching else 0.0
-            for target, finger, touching in zip(targets, self.fingers, on, strict=True)
-        ]
-        sided = [i for i, touching in enumerate(on) if touching and self._sides[i]]
-        if len({self._sides[i] for i in sided}) < 2:
-            return errors
-        net = sum(self._sides[i] * errors[i] for i in sided) / len(sided)
-        pushes, own = self._since < NET_TIME and not self._has_settled, list(errors)
-        for i in sided:
-            errors[i] -= (1.0 - NET if pushes else 1.0) * self._sides[i] * net
-        ratios = {
-            i: (self.fingers[i].normal - self.fingers[i].sigma) / max(targets[i], SAME)
-            for i in sided
-        }
-        strong = max(sided, key=lambda i: ratios[i])
-        over = STRONGEST - ratios[strong]
+        for finger in self.fingers:
+            finger.regulated = finger.error if finger.pressing else 0.0
+        sided = [finger for finger in _pressing(self.fingers) if finger.side]
+        if len({finger.side for finger in sided}) < 2:
+            return
+        net = sum(finger.side * finger.regulated for finger in sided) / len(sided)
+        pushes = self._since < NET_TIME and not self._has_settled
+        for finger in sided:
+            finger.regulated -= (1.0 - NET if pushes else 1.0) * finger.side * net
+        ratios = [(f.normal - f.sigma) / max(f.target, SAME) for f in sided]
+        over = STRONGEST - max(ratios)
+        strong = sided[ratios.index(max(ratios))].side
         if over < 0.0 and self.phase in HOLDING:  # weaker readings may be wrong
-            for i in sided:
-                errors[i] = min(errors[i], over * targets[i])
-                if pushes and self._sides[i] == self._sides[strong]:
-                    errors[i] = min(errors[i], own[i])
-        return errors
+            for finger in sided:
+                finger.regulated = min(finger.regulated, over * finger.target)
+                if pushes and finger.side == strong:
+                    finger.regulated = min(finger.regulated, finger.error)
 
-    def _approach(self, drive: int, closure: float) -> float:
+    def _approach(self, law: ForcePi, fingers: list[Finger], closure: float) -> float:
         """Speed (1/s) of a drive that nothing touches; one that feels nothing stays.
 
         A hand that is opened beyond its open posture comes to that as fast as it opens. A drive
         that is measured behind its model reacts later than was told, or moves slower: the way
         that it lacks counts as part of that of a reaction.
         """
-        law = self.laws[drive]
-        if not any(self.fingers[i].good and self._used[i] for i in self._of[drive]):
+        if not any(finger.good and finger.used for finger in fingers):
             return 0.0
         if law.command < 0.0:
             return OPENING
-        way = IMPACT * self._targets.lightest / law.drive.stiffness_high
+        way = IMPACT * self._targets.lightest / law.plant.stiffness_high
         speed = min(self.config.closing_rate, way / law.reaction)
-        behind = 0.0 if law.drive.is_soft else law.free - closure
+        behind = 0.0 if law.plant.is_soft else law.free - closure
         return bounded((way - behind) / law.reaction, SLOWEST * speed, speed)
 
     def _safe(self, given: GripInput, refusal: str, dt: float) -> GripStep:
@@ -615,11 +499,11 @@ class GripForce:
         self._trusted = False
         opens = self.config.safe_action == 'open' and self.phase in GRASPING and self._started
         wrong = self.fault or self._hand_refusal(given) or refuse_step(dt, self.config.stale_age)
-        if opens and not wrong:
+        send = opens and not wrong
+        if send:
             for law in self.laws:
                 law.move(-SAFE_OPENING, dt)
-            return self._made(True, refusal, GripPhase.FAULT)
-        return self._made(False, refusal, GripPhase.FAULT)
+        return self._made(send, refusal, safe=True)
 
     def _trust(self) -> None:
         """After a fault: go on from the last command, or finish opening."""
@@ -627,9 +511,9 @@ class GripForce:
         if self.config.safe_action == 'open' and self.phase in GRASPING:
             self.phase = GripPhase.RELEASE
         for law in self.laws:
-            law.seat(law.command, law.contact)
+            law.reset(law.command, law.contact)
         for finger in self.fingers:
-            finger.blind()
+            finger.invalidate()
 
     def _open(self, dt: float) -> GripStep:
         """One step of a release; idle when all drives are open."""
@@ -639,54 +523,66 @@ class GripForce:
         made = self._made(True, self._opens)
         if all(law.command <= 0.0 for law in self.laws):
             why = self._opens
-            self._forget()
-            self._started = False
+            self.move_away()
             self._idle = f'{why}; a new grasp is needed' if why else NOT_ASKED
         return made
 
-    def _made(self, send: bool, refusal: str, phase: GripPhase | None = None) -> GripStep:
-        """Record of this step."""
-        phase = GripPhase.FAULT if self.fault else phase
-        fingers = self.fingers
-        by_finger = np.array(
-            [
-                [*self._targets.now],
-                [finger.normal if finger.good else nan for finger in fingers],
-                [finger.slip.friction for finger in fingers],
-                [finger.slip.margin for finger in fingers],
-            ]
-        )
-        by_drive = np.array(
-            [(law.command, law.contact, law.stiffness.value) for law in self.laws]
-        ).T
-        feeling = [
-            drive for drive, of in enumerate(self._of) if any(fingers[i].good for i in of)
-        ]
+    def _made(self, send: bool, refusal: str, safe: bool = False) -> GripStep:
+        """Record of this step; `safe` where the safe action is taken."""
+        laws, fingers = self.laws, self.fingers
+        feeling = [group for group in self._groups if any(f.good for f in group[1])]
         silent = [
-            f'{name} {finger.why.split(" (")[0]}: it keeps its place'
-            for name, finger, use in zip(self.names, fingers, self._used, strict=True)
-            if use and finger.why and self.phase in HOLDING
+            f'{finger.name} {finger.why.split(" (")[0]}: it keeps its place'
+            for finger in fingers
+            if finger.used and finger.why and self.phase in HOLDING
         ]
         return GripStep(
-            phase=self.phase if phase is None else phase,
-            closure=by_drive[0],
-            contact=by_drive[1],
+            phase=GripPhase.FAULT if self.fault or safe else self.phase,
+            closure=np.array([law.command for law in laws]),
+            contact=np.array([law.contact for law in laws]),
             send=send,
-            limited=send and any(law.limited for law in self.laws),
+            limited=send and any(law.limited for law in laws),
             refusal=refusal,
             warning='; '.join(silent),
             fault=self.fault,
-            target_force=by_finger[0],
-            force=by_finger[1],
-            friction=by_finger[2],
-            slip_margin=by_finger[3],
+            target_force=np.array([finger.target for finger in fingers]),
+            force=np.array([finger.normal if finger.good else nan for finger in fingers]),
+            friction=np.array([finger.slip.friction for finger in fingers]),
+            slip_margin=np.array([finger.slip.margin for finger in fingers]),
             slipping=np.array([finger.slip.slipping for finger in fingers]),
-            touching=np.array([finger.touching and finger.good for finger in fingers]),
-            stiffness=by_drive[2],
-            settled=self._calm >= SETTLED_TIME and phase is None,
+            touching=np.array([finger.pressing for finger in fingers]),
+            stiffness=np.array([law.stiffness.value for law in laws]),
+            settled=self._calm >= SETTLED_TIME and not safe and not self.fault,
             input_age=self._age if self._age < inf else nan,
-            shut=bool(feeling) and all(map(self._is_shut, feeling)),
+            shut=bool(feeling) and all(_is_shut(*group) for group in feeling),
         )
+
+
+def _pressing(fingers: Sequence[Finger]) -> list[Finger]:
+    """Touching fingers whose force is known."""
+    return [finger for finger in fingers if finger.pressing]
+
+
+def _mean(values: list[float]) -> float:
+    """Mean of numbers, of which there is one at least."""
+    return sum(values) / len(values)
+
+
+def _is_settled(law: ForcePi, on: list[Finger], dt: float) -> bool:
+    """Judge whether the mean error of a drive is small, and no limit holds it back."""
+    error = 0.0
+    for finger in on:
+        error += finger.average_error(AVERAGED, dt) / len(on)
+    target = _mean([finger.target for finger in on])
+    limited = law.stop != '' and error > 0.5 * SETTLED * target
+    most = SETTLED * target + SETTLED_SIGMAS * max(finger.sigma for finger in on)
+    return not limited and abs(error) <= most
+
+
+def _is_shut(law: ForcePi, fingers: Sequence[Finger]) -> bool:
+    """Judge whether a drive can close no further, also where nothing is felt of it."""
+    feels = any(finger.good and finger.used for finger in fingers)
+    return not feels or law.stop != '' or law.command >= CLOSED
 
 
 def refuse_order(drives: list[int], sides: list[int]) -> None:

@@ -4,7 +4,7 @@
 At a slip ft / fn is mu itself; while nothing slips mu is at least the largest ft / fn that held. A
 slip shows as vibration of the tangential force beyond its noise, as a fall of the tangential force
 that the normal force does not explain, or as the sensor's own word. Any of them may be false: one
-slip teaches no friction below half of what was believed, and what it taught fades.
+slip teaches no friction below half of the last, and what it taught fades.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ SIGMAS = 10.0  # below so many sigma a force tells no ratio
 FALL_SIGMAS = 8.0
 VIBRATION = 6.0  # tangential vibration that is a slip, in sigma
 MEMORY = 0.05  # s, of vibration and of the peak that a fall is measured from
-LEARNT = 3  # steps of a slip before it teaches: none is believed alone
-LEAST = 0.5  # of the friction that was believed: one slip teaches no less
-FLOOR = 0.1  # smallest friction that is believed
+LEARNT = 3  # steps of a slip before it teaches: none counts alone
+LEAST = 0.5  # of the design friction: one slip teaches no less
+FLOOR = 0.1  # smallest design friction
 DOUBLINGS = 3  # most doublings of the time in which a slip is forgotten
 STEEPEST = 100.0  # ratio of forces: no skin holds more
 
@@ -34,10 +34,7 @@ def faded(dt: float, relax_time: float, slips: int) -> float:
 class SlipMargin:
     """Friction, margin, load and slip of one finger.
 
-    Parameters
-    ----------
-    config : GripConfig
-        Assumed friction, and the time in which a slip is forgotten.
+    The config gives the assumed friction, and the time in which a slip is forgotten.
 
     Attributes
     ----------
@@ -75,9 +72,9 @@ class SlipMargin:
         self.friction = nan
         self._held = self._faith = 0.0
         self._slips = 0
-        self.blind()
+        self.invalidate()
 
-    def blind(self) -> None:
+    def invalidate(self) -> None:
         """Forget the last forces, after which others have gone unseen; friction stays."""
         self._newest = self._older = self._peak = self._press = self._power = nan
         self._square, self._steps, self._steepest = 0.0, 0, 0.0
@@ -93,23 +90,13 @@ class SlipMargin:
         dt: float,
         share: float = 1.0,
     ) -> None:
-        """Take in the newest forces.
+        """Take in the newest forces (N), of a noise sigma (N), dt (s) after the last.
 
-        Parameters
-        ----------
-        normal, tangential : float
-            Along the normal, and the size across it (N); what is not finite is not known.
-        said : int
-            What the sensor says of slip: 1, 0, -1 unknown.
-        sigma : float
-            Noise of the forces (N).
-        dt : float
-            Since the last step (s), above 0.
-        share : float
-            Of this force in the load, which is filtered as the noise asks for.
+        What is not finite is not known. The sensor says of slip 1, 0, or -1 unknown; `share` is
+        that of this force in the load, which is filtered as the noise asks for.
         """
         if not (isfinite(normal) and isfinite(tangential)):
-            self.blind()
+            self.invalidate()
             self.slipping = said == 1
             return
         memory, least = min(dt / MEMORY, 1.0), SIGMAS * sigma
@@ -120,19 +107,17 @@ class SlipMargin:
         self._power = last + share * (tangential**2 - last)
         self.load = sqrt(max(self._power - 2.0 * sigma**2, 0.0))
         before = self.slipping
-        self.slipping = said == 1 or (
-            seen and said != 0 and normal > least and tangential > least
-        )
+        self.slipping = said == 1 or (seen and said != 0 and normal > least and tangential > least)
         self._slips += self.slipping and not before
         self._faith -= self._faith * faded(dt, self._relax_time, self._slips)
         self.margin = nan
         if normal > least:
             ratio = min(self.load / normal, STEEPEST)
             self._learn(ratio if self.load > least else 0.0)
-            self.margin = 1.0 - ratio / self.believed
+            self.margin = 1.0 - ratio / self.design_friction
 
     @property
-    def believed(self) -> float:
+    def design_friction(self) -> float:
         """Coefficient to act on: the estimate, which fades to what is assumed or has held."""
         likely = max(self._held, self._assumed)
         if not isfinite(self.friction):
@@ -141,7 +126,7 @@ class SlipMargin:
 
     def needed(self, spare: float) -> float:
         """Normal force (N) that leaves a slip margin of `spare`, below 1; NaN: load unknown."""
-        return self.load / (self.believed * (1.0 - spare))
+        return self.load / (self.design_friction * (1.0 - spare))
 
     def _learn(self, ratio: float) -> None:
         """Learn from a slip the steepest of its ratios; a ratio that holds is a lower bound."""
@@ -153,7 +138,7 @@ class SlipMargin:
         self._steps += 1
         self._steepest = max(self._steepest, ratio)
         if self._steps == LEARNT and self._steepest > 0.0:
-            self.friction = max(self._steepest, LEAST * self.believed, FLOOR)
+            self.friction = max(self._steepest, LEAST * self.design_friction, FLOOR)
             self._held, self._faith = 0.0, 1.0
 
     def _vibrates(self, tangential: float, sigma: float, share: float) -> bool:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from tactile_ros.control.config import GripConfig
-    from tactile_ros.control.slip_margin import SlipMargin
+    from tactile_ros.control.finger import Finger
 
 LOADING = 3.0  # growth of a target to load: forces of 1 N in loop times
 RAISING = 5.0  # growth of one that slip or load raise, of that
@@ -31,19 +31,8 @@ MOST_UNFRAMED = 1.2  # the same where no normal of the contact is measured
 def shared(targets: Sequence[float], sides: Sequence[int], used: Sequence[bool]) -> list[float]:
     """Targets of the fingers, of which the stronger side is drawn down to the weaker.
 
-    Parameters
-    ----------
-    targets : sequence of float
-        What each finger was asked for (N).
-    sides : sequence of int
-        +1, -1, or 0 where a finger opposes none.
-    used : sequence of bool
-        Fingers that take part.
-
-    Returns
-    -------
-    list of float
-        None above what was asked; 0 for fingers that take no part.
+    `targets` are what each was asked for (N), `sides` +1, -1, or 0 where one opposes none, `used`
+    the fingers that take part. None gets more than it was asked for, others get 0.
 
     Examples
     --------
@@ -61,114 +50,91 @@ def shared(targets: Sequence[float], sides: Sequence[int], used: Sequence[bool])
 
 
 class GripTargets:
-    """Targets of f fingers in time: they grow at a rate, and with slip and load.
+    """Targets of fingers in time (`Finger.target`): they grow at a rate, and with slip and load.
 
-    Parameters
-    ----------
-    config : GripConfig
-        Time of the loop, largest force, and the time in which a raise fades.
-    sides : sequence of int
-        Of the fingers.
-
-    Attributes
-    ----------
-    now, asked : list of float
-        Targets in force, and without raises (N).
+    The config gives the time of the loop, the largest force, and the time in which a raise fades.
     """
 
-    def __init__(self, config: GripConfig, sides: Sequence[int]) -> None:
-        self.config = config
-        self.sides = list(sides)
+    def __init__(self, config: GripConfig, fingers: Sequence[Finger]) -> None:
+        self.config, self._fingers = config, list(fingers)
         self._rate = LOADING / config.loop_time
-        self._each = [0.0] * len(self.sides)
-        self._used = [False] * len(self.sides)
-        self.asked = [0.0] * len(self.sides)
+        self._each = [0.0] * len(self._fingers)
         self._adapt = False
         self.restart()
 
     def restart(self) -> None:
         """Begin a grasp."""
-        self.now = [0.0] * len(self.sides)
         self._raise, self._since, self._slips, self._slipping = 1.0, 0.0, 0, False
 
-    def ask(self, targets: Sequence[float], used: Sequence[bool], adapt: bool) -> None:
-        """Say what is wanted (N), of which fingers, and whether it may be raised."""
-        self._each, self._used = list(targets), list(used)
-        self.asked = shared(targets, self.sides, used)
-        self._adapt, self._raise = adapt, 1.0
+    def begin(self, targets: Sequence[float], adapt: bool) -> None:
+        """Begin to go to targets (N) of the fingers in use, which may be raised if `adapt`."""
+        self._each, self._adapt, self._raise = list(targets), adapt, 1.0
+        self._share([finger.used for finger in self._fingers])
 
-    def share(self, pressing: Sequence[bool]) -> None:
+    def _share(self, pressing: Sequence[bool]) -> None:
+        """Share what was asked for among fingers."""
+        sides = [finger.side for finger in self._fingers]
+        asked = shared(self._each, sides, pressing)
+        for finger, force in zip(self._fingers, asked, strict=True):
+            finger.asked = force
+
+    def share(self) -> None:
         """Share what was asked among the fingers that press, where both sides still do."""
-        press = [use and one for use, one in zip(self._used, pressing, strict=True)]
-        wanted = {side for side, use in zip(self.sides, self._used, strict=True) if use}
-        if {side for side, one in zip(self.sides, press, strict=True) if one} == wanted:
-            self.asked = shared(self._each, self.sides, press)
+        press = [finger.used and finger.touching for finger in self._fingers]
+        wanted = {finger.side for finger in self._fingers if finger.used}
+        if {f.side for f, one in zip(self._fingers, press, strict=True) if one} == wanted:
+            self._share(press)
 
-    def touch(self, levels: Sequence[float]) -> None:
-        """Targets of fingers that wait for the others: levels (N) of sure contact."""
-        self.now = [min(level, ask) for level, ask in zip(levels, self.asked, strict=True)]
+    @property
+    def strongest(self) -> float:
+        """Largest force (N) that a finger is asked for."""
+        return max(finger.asked for finger in self._fingers)
 
     @property
     def lightest(self) -> float:
         """Smallest force (N) that a finger is asked for."""
-        return min((asked for asked in self.asked if asked > 0), default=0.0)
+        return min((f.asked for f in self._fingers if f.asked > 0), default=0.0)
 
-    def grow(
-        self,
-        slips: Sequence[SlipMargin],
-        framed: Sequence[bool],
-        forces: Sequence[float],
-        full: bool,
-        dt: float,
-    ) -> bool:
+    def grow(self, full: bool, dt: float) -> bool:
         """Move towards what is wanted; return whether every target is where it should be.
 
-        A raise waits for the slowest finger, so that drives that can give no more stop all.
-
-        Parameters
-        ----------
-        slips : sequence of SlipMargin
-            Of the fingers.
-        framed : sequence of bool
-            Fingers whose normal is measured: a tilt of others looks like a load.
-        forces : sequence of float
-            Of the fingers (N); NaN: not known.
-        full : bool
-            A drive gives all its torque: a raise would push the object to its side.
-        dt : float
-            Since the last step (s).
+        A raise waits for the slowest finger, so that drives that can give no more stop all. Where
+        a drive gives all its torque (`full`) a raise would push the object to its side.
         """
         if self._adapt:
-            self._answer(slips, framed, dt)
+            self._answer(dt)
         step = self._rate * dt * (RAISING if self._raise > 1.0 else 1.0)
         reached, factor = True, self._raise
-        for asked, force in zip(self.asked, forces, strict=True):
-            if asked > 0.0 and factor > 1.0:
-                factor = min(factor, max(force / asked + AHEAD, 1.0))  # as it is for NaN
-        for i, asked in enumerate(self.asked):
-            ahead = factor * asked - self.now[i]
-            if full and ahead > 0.0 and self.now[i] >= asked:
+        for finger in self._fingers:
+            if finger.asked > 0.0 and factor > 1.0 and finger.pressing:
+                factor = min(factor, max(finger.normal / finger.asked + AHEAD, 1.0))
+        for finger in self._fingers:
+            ahead = factor * finger.asked - finger.target
+            if full and ahead > 0.0 and finger.target >= finger.asked:
                 continue
             if -step <= ahead <= step:
-                self.now[i] = factor * asked
+                finger.target = factor * finger.asked
             else:
-                self.now[i] += step if ahead > 0 else -step
+                finger.target += step if ahead > 0 else -step
                 reached = False
         return reached
 
-    def _answer(self, slips: Sequence[SlipMargin], framed: Sequence[bool], dt: float) -> None:
+    def _answer(self, dt: float) -> None:
         """Raise all fingers by one factor, so that they stay balanced; what is spare fades."""
-        strongest = max(self.asked)
+        strongest = self.strongest
         if strongest <= 0.0:
             return
         most = max(min(MOST, self.config.force_high / strongest), 1.0)
         self._since += dt
         needed, slipping = 1.0, False
-        for slip, asked, known in zip(slips, self.asked, framed, strict=True):
-            if asked > 0.0:
-                slipping = slipping or slip.slipping
-                load = slip.needed(MARGIN) / asked
-                needed = max(needed, min(load, MOST_LOAD if known else MOST_UNFRAMED))
+        for finger in self._fingers:
+            if finger.asked > 0.0:
+                slipping = slipping or finger.slip.slipping
+                load = finger.slip.needed(MARGIN) / finger.asked
+                # a tilt of a normal that is not measured looks like a load
+                needed = max(
+                    needed, min(load, MOST_LOAD if finger.given.framed else MOST_UNFRAMED)
+                )
         self._slips += slipping and not self._slipping
         self._slipping = slipping
         wanted = needed
