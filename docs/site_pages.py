@@ -36,7 +36,7 @@ API = {
     ),
     'Estimation': ('tactile_ros.estimators.model_inversion', 'tactile_ros.estimators.regression',
                    'tactile_ros.estimators.covariance'),
-    'Grip control': ('tactile_ros.control.grip_force',),
+    'Grip control': ('tactile_ros.control.grip_force', 'tactile_ros.control.force_pi'),
     'Sensor of your own': ('tactile_ros.types.contracts',),
 }  # fmt: skip
 # links to files that are no pages of the site: they stay as names

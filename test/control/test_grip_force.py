@@ -165,9 +165,7 @@ def test_a_bias_is_named_before_anything_moves(worlds: ModuleType) -> None:
     one.run(0.3)
     one.law.grasp(2.0)
     made = one.step()
-    assert made.fault == (
-        'finger 1 reads 1.00 N before closing: tare it while nothing touches it'
-    )
+    assert made.fault == ('finger 1 reads 1.00 N before closing: tare it while nothing touches it')
     assert not made.send
     assert GraspSequence(CONFIG).step(made, 0.01).outcome == GraspOutcome.FAULT
 
@@ -319,9 +317,7 @@ def test_release_opens_and_ends(worlds: ModuleType) -> None:
 @given(st.data())
 @settings(max_examples=60)
 def test_no_input_makes_a_command_outside_limits_or_rate(data: st.DataObject) -> None:
-    numbers = st.one_of(
-        st.floats(-5, 5), st.sampled_from([np.nan, np.inf, -np.inf, 1e308, 0.0])
-    )
+    numbers = st.one_of(st.floats(-5, 5), st.sampled_from([np.nan, np.inf, -np.inf, 1e308, 0.0]))
     law = GripForce(QUICK, (0, 1), (1, -1), [SOFT, Drive(5.0, 300.0)])
     law.enable()
     law.grasp(2.0)

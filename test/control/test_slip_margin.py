@@ -25,7 +25,7 @@ def loaded(seed: int = 0, top: float = 0.8, steps: int = 100) -> SlipMargin:
 def test_friction_is_undefined_until_something_slips() -> None:
     slip = loaded()
     assert np.isnan(slip.friction)
-    assert slip.believed == pytest.approx(0.4, abs=0.03)  # it has held so much
+    assert slip.design_friction == pytest.approx(0.4, abs=0.03)  # it has held so much
     assert slip.margin == pytest.approx(0.0, abs=0.05)
 
 
@@ -52,10 +52,10 @@ def test_friction_has_a_floor_and_is_believed_less_as_nothing_slips_any_more() -
     for _ in range(4):
         slip.step(8.0, 0.3, 1, NOISE, 0.01)
     assert slip.friction == FLOOR
-    assert slip.believed == pytest.approx(FLOOR, rel=0.01)
+    assert slip.design_friction == pytest.approx(FLOOR, rel=0.01)
     for _ in range(6000):
         slip.step(8.0, 0.3, 0, NOISE, 0.01)
-    assert slip.believed == pytest.approx(0.15, rel=0.01)
+    assert slip.design_friction == pytest.approx(0.15, rel=0.01)
 
 
 def test_load_behind_a_filter_has_no_noise_of_its_own() -> None:

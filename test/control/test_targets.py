@@ -7,24 +7,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactile_ros.control.config import GripConfig
-from tactile_ros.control.slip_margin import SlipMargin
-from tactile_ros.control.targets import (
-    AHEAD,
-    LOADING,
-    MOST,
-    GripTargets,
-    shared,
-)
+from tactile_ros.control.config import Drive, GripConfig
+from tactile_ros.control.finger import Finger
+from tactile_ros.control.force_pi import ForcePi
+from tactile_ros.control.grasp_sequence import FingerInput
+from tactile_ros.control.targets import AHEAD, LOADING, MOST, GripTargets, shared
 
 CONFIG = GripConfig(friction_low=0.3)
+NOISE = CONFIG.force_noise
 FINGERS = st.lists(
     st.tuples(st.floats(0.2, 10), st.sampled_from([-1, 0, 1]), st.booleans()), min_size=1
 )
 
 
 @given(FINGERS)
-def test_shares_balance_and_never_exceed_what_was_asked(
+def test_shared_balances_and_never_exceeds_what_was_asked(
     fingers: list[tuple[float, int, bool]],
 ) -> None:
     asked, sides, used = (list(column) for column in zip(*fingers, strict=True))
@@ -36,76 +33,71 @@ def test_shares_balance_and_never_exceed_what_was_asked(
         assert sums[0] == pytest.approx(sums[1])
 
 
-NOISE = CONFIG.force_noise
+class Run:
+    """Targets of one finger, and what it feels."""
+
+    def __init__(self, asked: float, adapt: bool = True, load: float = 0.5) -> None:
+        self.finger, self.load = Finger(CONFIG, ForcePi(CONFIG, Drive(5.0, 300.0))), load
+        self.targets = GripTargets(CONFIG, [self.finger])
+        self.targets.begin([asked], adapt)
+        self.finger.touching, self.finger.why = True, ''
+        self.feel()
+
+    def feel(self, slips: bool = False, framed: bool = True) -> None:
+        """One step of forces under the load."""
+        self.finger.given = FingerInput(2.0, self.load, True, int(slips), 0.0, framed=framed)
+        self.finger.slip.step(2.0, self.load, int(slips), NOISE, 0.01)
+
+    def grow(self, steps: int, force: float | None = None, full: bool = False) -> float:
+        """Target after steps with a force; None: it follows the target."""
+        for _ in range(steps):
+            self.finger.normal = self.finger.target if force is None else force
+            self.targets.grow(full, 0.01)
+        return self.finger.target
 
 
-def slips(slipping: bool = False, load: float = 0.5) -> list[SlipMargin]:
-    made = SlipMargin(CONFIG)
-    made.step(2.0, load, int(slipping), NOISE, 0.01)
-    return [made]
+def test_grip_targets_grow_at_their_rate() -> None:
+    run = Run(2.0, adapt=False)
+    run.finger.target = 0.3
+    assert run.grow(1) == pytest.approx(0.3 + LOADING / CONFIG.loop_time * 0.01)
+    assert run.grow(20) == 2.0
 
 
-def run(
-    targets: GripTargets, seen: list[SlipMargin], steps: int, framed: bool = True
-) -> float:
-    for _ in range(steps):
-        targets.grow(seen, [framed], targets.now, full=False, dt=0.01)
-    return targets.now[0]
-
-
-def test_targets_grow_at_their_rate() -> None:
-    targets = GripTargets(CONFIG, [0])
-    targets.ask([2.0], [True], adapt=False)
-    targets.touch([0.3])
-    assert targets.now == [0.3]
-    grown = 0.3 + LOADING / CONFIG.loop_time * 0.01
-    assert run(targets, slips(), 1) == pytest.approx(grown)
-    assert run(targets, slips(), 20) == 2.0
-
-
-def test_slip_raises_only_where_it_may_and_to_a_limit() -> None:
-    still, adapting = GripTargets(CONFIG, [0]), GripTargets(CONFIG, [0])
-    still.ask([1.0], [True], adapt=False)
-    adapting.ask([1.0], [True], adapt=True)
-    seen = slips(slipping=True)
-    assert run(still, seen, 500) == 1.0
-    assert run(adapting, seen, 500) == pytest.approx(MOST)
+@pytest.mark.parametrize(('adapt', 'raised'), [(False, 1.0), (True, MOST)])
+def test_grip_targets_are_raised_by_slip_where_they_may_and_to_a_limit(
+    adapt: bool, raised: float
+) -> None:
+    run = Run(1.0, adapt)
+    run.feel(slips=True)
+    assert run.grow(500) == pytest.approx(raised)
 
 
 @pytest.mark.parametrize(('load', 'framed', 'raised'), [
     (0.6, True, 2.0), (0.6, False, 1.2), (2.0, False, 1.2),
 ])  # fmt: skip
-def test_load_asks_for_its_margin_up_to_a_factor(
+def test_grip_targets_are_raised_by_load_up_to_a_factor(
     load: float, framed: bool, raised: float
 ) -> None:
-    targets = GripTargets(CONFIG, [0])
-    targets.ask([2.0], [True], adapt=True)
-    assert run(targets, slips(load=load), 200, framed) == pytest.approx(2.0 * raised, rel=0.01)
+    run = Run(2.0, load=load)
+    run.feel(framed=framed)
+    assert run.grow(200) == pytest.approx(2.0 * raised, rel=0.01)
 
 
-def test_a_raise_waits_for_the_force_and_stops_where_a_drive_is_full() -> None:
-    targets = GripTargets(CONFIG, [0])
-    targets.ask([2.0], [True], adapt=True)
-    seen = slips(load=1.0)
-    for _ in range(300):
-        targets.grow(seen, [True], [2.5], full=False, dt=0.01)
-    assert targets.now[0] == pytest.approx(2.5 + 2.0 * AHEAD)
-    for _ in range(300):
-        targets.grow(seen, [True], [10.0], full=True, dt=0.01)
-    assert targets.now[0] == pytest.approx(2.5 + 2.0 * AHEAD)
+def test_grip_targets_wait_for_the_force_and_stop_where_a_drive_is_full() -> None:
+    run = Run(2.0, load=1.0)
+    assert run.grow(300, 2.5) == pytest.approx(2.5 + 2.0 * AHEAD)
+    assert run.grow(300, 10.0, full=True) == pytest.approx(2.5 + 2.0 * AHEAD)
 
 
-def test_one_false_word_of_slip_fades_and_the_asked_force_comes_back() -> None:
-    targets = GripTargets(CONFIG, [0])
-    targets.ask([2.0], [True], adapt=True)
-    (seen,) = made = slips(load=0.25)
-    run(targets, made, 20)
-    seen.step(2.0, 0.25, 1, NOISE, 0.01)
-    assert run(targets, made, 1) > 2.0
-    seen.step(2.0, 0.25, 0, NOISE, 0.01)
-    raised = run(targets, made, 40)
+def test_grip_targets_forget_one_false_word_of_slip() -> None:
+    run = Run(2.0, load=0.25)
+    run.grow(20)
+    run.feel(slips=True)
+    assert run.grow(1) > 2.0
+    run.feel()
+    raised = run.grow(40)
     assert raised >= 1.9 * 2.0
     for _ in range(6000):
-        seen.step(2.0, 0.25, 0, NOISE, 0.01)
-        run(targets, made, 1)
-    assert targets.now[0] - 2.0 <= 0.01 * (raised - 2.0)
+        run.feel()
+        run.grow(1)
+    assert run.finger.target - 2.0 <= 0.01 * (raised - 2.0)
