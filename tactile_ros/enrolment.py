@@ -35,22 +35,12 @@ LONGEST = 12  # windows, after which a press that is still held counts
 
 @dataclass(frozen=True)
 class Touches:
-    """Touches of the skin at some instants.
+    """Touches of the skin at some instants."""
 
-    Attributes
-    ----------
-    press : ndarray, shape (s,)
-        Number of the press; -1: nothing touches.
-    position, force : ndarray, shape (s, 3)
-        Of the contact (m), NaN where nothing touches; what the skin exerts on the object (N).
-    share : ndarray, shape (s,)
-        Load over that of the press, 0 to 1.
-    """
-
-    press: Integers
-    position: Array
-    force: Array
-    share: Array
+    press: Integers  # (s,) number of the press; -1: nothing touches
+    position: Array  # (s, 3) of the contact (m), NaN where nothing touches
+    force: Array  # (s, 3) what the skin exerts on the object (N)
+    share: Array  # (s,) load over that of the press, 0 to 1
 
     def rows(self, part: slice) -> Touches:
         """Some of the instants."""

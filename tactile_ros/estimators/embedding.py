@@ -17,17 +17,9 @@ if TYPE_CHECKING:
 
 
 class Embedding:
-    """A network that turns a window into a vector of features.
+    """A network in a file: windows (n, 1, d, w) float32 -> features (n, p).
 
-    Parameters
-    ----------
-    path : Path
-        Of the network: windows (n, 1, d, w) float32 -> features (n, p).
-
-    Raises
-    ------
-    MissingPackageError
-        If onnxruntime is not installed.
+    MissingPackageError if onnxruntime is not installed.
     """
 
     def __init__(self, path: Path) -> None:

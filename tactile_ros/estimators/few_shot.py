@@ -16,8 +16,6 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from tactile_ros.estimators.prototypes import Prototypes
-
 if TYPE_CHECKING:
     import numpy.typing as npt
 
@@ -33,11 +31,25 @@ ANY_DEPTH = 2.0  # one over the deviation of that ratio in a fit
 DRAWS, MOST_ASKED = 2, 150  # of support presses, and queries, by which a metric is chosen
 SAME_PLACE = 0.7  # cosine of presses of one class at one place
 UNIT_ERROR = 0.1  # of a unit vector
-Rows = TypeVar('Rows', bound='Presses')
+Some = TypeVar('Some', bound='Rows')
 
 
 @dataclass(frozen=True)
-class Presses:
+class Rows:
+    """Arrays with a row for each press."""
+
+    def rows(self: Some, rows: npt.NDArray[np.intp]) -> Some:
+        """Some of them."""
+        return type(self)(*(getattr(self, one.name)[rows] for one in fields(self)))
+
+    def joined(self: Some, other: Some) -> Some:
+        """These and others."""
+        pairs = ((getattr(self, one.name), getattr(other, one.name)) for one in fields(self))
+        return type(self)(*(np.concatenate(pair) for pair in pairs))
+
+
+@dataclass(frozen=True)
+class Presses(Rows):
     """Presses (n) of one skin.
 
     Attributes
@@ -66,29 +78,25 @@ class Presses:
         found = np.quantile(np.square(quiet) - usual, QUIET)
         return float(np.sqrt(np.clip(found, 0.0, 4 * np.square(noise).mean())))
 
-    def rows(self: Rows, rows: npt.NDArray[np.intp]) -> Rows:
-        """Some of them."""
-        return type(self)(*(getattr(self, one.name)[rows] for one in fields(self)))
+
+def without_field(patterns: Array, basis: Array) -> Array:
+    """Patterns (..., d) less their parts along a uniform field, whose patterns are (d, 3)."""
+    return np.asarray(patterns - (patterns @ basis) @ basis.T)
+
+
+def scaled_patterns(patterns: Array, basis: Array) -> Array:
+    """Patterns (n, d) of length 1, without a uniform field."""
+    own = without_field(patterns, basis)
+    return np.asarray(own / (np.linalg.norm(own, axis=1, keepdims=True) + TINY))
 
 
 def press_pattern(window: Array, common: Array) -> tuple[Array, float]:
-    """Pattern (d,) and count of frames of one press.
+    """Pattern (d,) and count of frames of one window (w, d); NaN where no frame is whole.
 
     Frames are weighted by the course c of the press: the weighted mean of all frames, over
     sum(c^2) and times sum(c^3) / sum(c^2), is the change at the depth of that share of the
-    largest, to second order in the spread of c.
-
-    Parameters
-    ----------
-    window : ndarray, shape (w, d)
-        Changes of field in its frames; rows with NaN are left out.
-    common : ndarray, shape (d, 3)
-        Orthonormal patterns of a uniform field, which say nothing of the course.
-
-    Returns
-    -------
-    pattern, frames
-        Rows of `Presses`; NaN where no frame is whole.
+    largest, to second order in the spread of c. Orthonormal patterns of a uniform field, `common`
+    (d, 3), say nothing of the course.
     """
     whole = window[np.isfinite(window).all(axis=1)]
     if not len(whole):
@@ -171,17 +179,12 @@ class SupportSet(Presses):
         left = self.rows(np.flatnonzero(self.label != label))
         return replace(left, label=left.label - (left.label > label))
 
-    def joined(self, other: SupportSet) -> SupportSet:
-        """These and others."""
-        pairs = ((getattr(self, one.name), getattr(other, one.name)) for one in fields(self))
-        return SupportSet(*(np.concatenate(pair) for pair in pairs))
-
     def averaged(self, basis: Array) -> SupportSet:
         """Means of presses of one class that are alike, and the presses that are not.
 
         All are brought to the size of the strongest one; a uniform field is left out (d, 3).
         """
-        found, own = [], self.pattern - (self.pattern @ basis) @ basis.T
+        found, own = [], without_field(self.pattern, basis)
         size = np.linalg.norm(own, axis=1)
         for label in np.unique(self.label):
             left = np.flatnonzero(self.label == label)
@@ -221,43 +224,26 @@ def support_scores(
     supports: SupportSet, presses: Presses, noise: Array, common: Array, still: float,
     metric: Metric,
 ) -> Array:  # fmt: skip
-    """Twice the negative log-likelihood of every press under every prototype.
+    """Twice the negative log-likelihood (n, m) of presses under prototypes; inf: far away.
 
-    Parameters
-    ----------
-    supports : SupportSet
-        m prototypes: see `SupportSet.averaged`.
-    presses : Presses
-        n presses.
-    noise : ndarray, shape (d,)
-        Of a reading (T).
-    common : ndarray, shape (d, 3)
-        Readings of a uniform field.
-    still : float
-        Error of a pattern that frames do not average (T).
-    metric : Metric
-        Usual differences of presses.
-
-    Returns
-    -------
-    ndarray, shape (n, m)
-        Infinite for prototypes that are far away.
+    Prototypes are as of `SupportSet.averaged`; `noise` (d,) is of a reading (T), `common` (d, 3)
+    are readings of a uniform field, `still` is the error that frames do not average (T).
     """
     found = np.full((len(presses.pattern), len(supports.label)), np.inf)
     basis = np.linalg.qr(common)[0]
-    plain = supports.pattern - (supports.pattern @ basis) @ basis.T
-    unit = plain / (np.linalg.norm(plain, axis=1, keepdims=True) + TINY)
+    size = np.linalg.norm(without_field(supports.pattern, basis), axis=1)
+    unit = scaled_patterns(supports.pattern, basis)
     wide = np.array([metric.place, metric.place, metric.turn])[:, None] * supports.slopes
     wide = np.concatenate([wide, metric.bend * supports.bends[:, None]], axis=1)
     theirs = noise**2 / supports.frames[:, None] + still**2 / supports.presses[:, None]
     variance = presses.variance(noise, still)
     for i, y in enumerate(presses.pattern):
-        cosine = unit @ (y - basis @ (basis.T @ y))
+        cosine = unit @ y
         near = np.argsort(-cosine, kind='stable')[:CLOSEST]
         near = near[cosine[near] > 0]
         if not len(near):
             continue
-        ratio = np.clip(cosine[near] / np.linalg.norm(plain[near], axis=1), *RATIOS)[:, None]
+        ratio = np.clip(cosine[near] / size[near], *RATIOS)[:, None]
         more = 1 + 1 / supports.presses[near, None]
         whole = variance[i] + ratio**2 * theirs[near] + more * share_of(y, metric.share)
         made = ratio * (supports.pattern[near] + np.log(ratio) * supports.bends[near])
@@ -291,16 +277,11 @@ def choose_metric(
 ) -> tuple[Metric | None, dict[str, float]]:
     """Metric that names most held-out presses from one press of each class at each place.
 
-    Returns
-    -------
-    metric : Metric or None
-        None: the nearest prototype of unit vectors names more.
-    shares : dict of str to float
-        Share that is named rightly by this metric and by prototypes; empty: nothing repeats.
+    None: the nearest prototype of unit vectors names more. Beside it the shares that are named
+    rightly by such metrics and by prototypes; empty: nothing repeats.
     """
     basis = np.linalg.qr(common)[0]
-    own = supports.pattern - (supports.pattern @ basis) @ basis.T
-    unit = own / (np.linalg.norm(own, axis=1, keepdims=True) + TINY)
+    unit = scaled_patterns(supports.pattern, basis)
     trials = [_one_shot(supports, unit, np.random.default_rng(draw)) for draw in range(DRAWS)]
     right: dict[Metric | None, float] = {}
     for metric in (*CANDIDATES, None):
@@ -337,9 +318,5 @@ def _one_shot(
 
 def prototype_scores(supports: SupportSet, presses: Presses, basis: Array) -> Array:
     """Squared distances (n, m) of unit vectors from prototypes, over a usual one; [1] eq. (3)."""
-    units = []
-    for pattern in (supports.pattern, presses.pattern):
-        own = pattern - (pattern @ basis) @ basis.T
-        units.append(own / (np.linalg.norm(own, axis=1, keepdims=True) + TINY))
-    found = Prototypes().fit(units[0], np.arange(len(units[0])))
-    return found.squared_distances(units[1]) / UNIT_ERROR**2
+    known, asked = (scaled_patterns(one.pattern, basis) for one in (supports, presses))
+    return np.asarray(np.square(asked[:, None] - known).sum(axis=2) / UNIT_ERROR**2)

@@ -49,24 +49,10 @@ def mixture_rows(
     z: Array, index: Integers, table: Array, freedoms: int, outcome: Array, cov: Array,
     parts: Array, weight: Array,
 ) -> None:  # fmt: skip
-    """Fill what features say.
+    """Fill what features (s, d) in the metric say, by rows (s, m) of the table (n, w).
 
-    Parameters
-    ----------
-    z : ndarray, shape (s, d)
-        Features in the metric.
-    index : ndarray of int, shape (s, m)
-        Rows of the table.
-    table : ndarray, shape (n, w)
-        One piece for each row.
-    freedoms : int
-        Of a touch (q).
-    outcome : ndarray, shape (s, k + 2)
-        Mean, logarithm of the likelihood, least misfit; overwritten like the following.
-    cov : ndarray, shape (s, c, c)
-        Zeros; of the first c answers.
-    parts, weight : ndarray, shape (s, m, k) and (s, m)
-        Of the rows.
+    `outcome` (s, k + 2) is mean, logarithm of the likelihood and least misfit; `cov` (s, c, c), of
+    the first c answers, comes as zeros; `parts` (s, m, k) and `weight` (s, m) are of the rows.
     """
     count = parts.shape[2]
     inside = np.empty(freedoms)
@@ -127,16 +113,10 @@ def share_rows(parts: Array, weight: Array, centres: Array, shares: Array) -> No
 
 @dataclass(frozen=True)
 class Linearised:
-    """Touches with their readings, and both in a neighbourhood.
-
-    Attributes
-    ----------
-    slopes : ndarray, shape (n, d, q)
-        How readings change with the q freedoms of a touch, each in units of its reach.
-    """
+    """Touches with their readings, and both in a neighbourhood."""
 
     readings: Array  # (n, d) of the touches (unit of the features)
-    slopes: Array
+    slopes: Array  # (n, d, q) of the readings with freedoms of a touch, in units of their reach
     answers: Array  # (n, k) what is told of a touch
     leads: Array  # (n, k, q) how answers change with the freedoms
     sigma: Array  # (n,) what a channel's reading may be wrong by (unit of the features)
@@ -202,7 +182,6 @@ class GaussianSumTable:
         self.told = touches.answers.shape[1] if told is None else told
         typical = float(np.sqrt((touches.sigma**2).mean()))
         self.metric, self.volume = _metric(channels, common, strength / typical)
-        self.turned = self.volume != 0.0
         samples = touches.readings @ self.metric
         self.tree = cKDTree(samples)
         slopes = np.matmul(self.metric, touches.slopes)
@@ -223,12 +202,10 @@ class GaussianSumTable:
 
     def __call__(self, x: Array) -> Posterior:
         """Posterior of finite features x (s, d)."""
-        z = x
-        if self.turned:
-            # a row at a time: the same bits alone and among others
-            z = np.matmul(x[:, None], self.metric)[:, 0]
-        index = self._nearest(z)
-        rows, near, count = len(z), index.shape[1], self.count
+        # a row at a time: the same bits alone and among others
+        z = np.matmul(x[:, None], self.metric)[:, 0] if self.volume != 0.0 else x
+        rows, near, count = len(z), self.neighbours, self.count
+        index = self.tree.query(z, k=near, eps=self.slack)[1].reshape(rows, near)
         outcome = np.empty((rows, count + 2))
         cov = np.zeros((rows, self.told, self.told))
         parts, weight = np.empty((rows, near, count)), np.empty((rows, near))
@@ -237,10 +214,6 @@ class GaussianSumTable:
             outcome[:, :count], cov, outcome[:, count], outcome[:, count + 1], parts, weight
         )
 
-    def _nearest(self, z: Array) -> Integers:
-        index = self.tree.query(z, k=self.neighbours, eps=self.slack)[1]
-        return np.asarray(index.reshape(len(z), self.neighbours))
-
     def of_causes(self, x: Array, sigma: float) -> Array:
         """Logarithm of the likelihood (s,) that outside causes alone made features x (s, d)."""
         z = np.matmul(x[:, None], self.metric)[:, 0] / sigma
@@ -248,8 +221,7 @@ class GaussianSumTable:
 
     def shares(self, seen: Posterior, centres: Array) -> Array:
         """Share (s, n) of the parts that are nearest to each of some centres (n, 3)."""
-        rows = len(seen.parts)
-        shares = np.zeros((rows, len(centres)))
+        shares = np.zeros((len(seen.parts), len(centres)))
         share_rows(seen.parts, seen.weight, centres, shares)
         return shares
 
@@ -267,25 +239,14 @@ def _metric(channels: int, common: Array | None, strength: float) -> tuple[Array
 
 @dataclass(frozen=True)
 class TouchEstimate:
-    """Touches of readings, and what a common cause added to them.
+    """Touches of readings, and what a common cause added to them."""
 
-    Attributes
-    ----------
-    mean, cov : ndarray, shapes (s, c) and (s, c, c)
-        Of the first c answers.
-    shares : ndarray, shape (s, n)
-        Posterior probability of each of some places.
-    cause : ndarray, shape (s, q)
-        Size of the common cause; 0 where none is likely.
-    misfit : ndarray, shape (s,)
-        Least sum of squares, over sigma, that a touch and a cause leave unexplained.
-    """
-
+    # (s, c) and (s, c, c) of the first c answers
     mean: Array
     cov: Array
-    shares: Array
-    cause: Array
-    misfit: Array
+    shares: Array  # (s, n) posterior probability of each of some places
+    cause: Array  # (s, q) size of the common cause; 0 where none is likely
+    misfit: Array  # (s,) least sum of squares, over sigma, that touch and cause leave unexplained
 
 
 class TouchPosterior:

@@ -22,18 +22,10 @@ _TREES: WeakKeyDictionary[GridKnn, cKDTree] = WeakKeyDictionary()
 class GridKnn:
     """Mean of the nearest training samples, weighted by one over the distance.
 
-    Parameters
-    ----------
-    neighbours : int
-        How many samples answer (K).
-    nearness : float
-        Distance, in standard deviations of the features, below which samples count as equally
-        near; it keeps a sample that is met exactly from silencing the others' noise.
-
-    Notes
-    -----
-    Ties: of samples at the same distance the first in the order of their own numbers is nearest,
-    so that the order of the training rows does not matter.
+    Samples nearer than `nearness`, in standard deviations of the features, count as equally near:
+    one that is met exactly does not silence the others' noise. Of samples at the same distance the
+    first in the order of their own numbers is nearest: the order of the training rows does not
+    matter.
 
     Examples
     --------

@@ -8,17 +8,15 @@ the best nodes of each head are refined, and misfits decide.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.few_shot import SupportSet, share_of
+from tactile_ros.estimators.few_shot import Rows, SupportSet, share_of, without_field
 from tactile_ros.estimators.press_templates import DAMPING, TINY, descend_rows
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
     from tactile_ros.estimators.few_shot import Presses
     from tactile_ros.estimators.press_templates import PressBank
     from tactile_ros.types import Array, Integers
@@ -30,26 +28,12 @@ FEWEST = 1e-3  # degrees of freedom
 
 
 def shape_misfits(miss: Array, slopes: Array, away: Array) -> Array:
-    """Part of misfits that mixtures of other heads explain, over that by chance.
+    """Part (n,) of misfits that mixtures of other heads explain, over that by chance: about 1.
 
-    Parameters
-    ----------
-    miss : ndarray, shape (n, d)
-        What the best head leaves of each press, over the deviations of readings and less what a
-        uniform field could have added.
-    slopes : ndarray, shape (n, 4, d)
-        Of its pattern with the pose, alike.
-    away : ndarray, shape (n, h, d)
-        From its pattern to those of all heads, of which it is one, alike.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        About 1 where it is that head; 1 where there is no other.
-
-    Notes
-    -----
-    Weights of a mixture have a deviation of 1 about 0: 1 is the whole way to another head.
+    `miss` (n, d) is what the best head leaves of each press, over the deviations of readings and
+    less what a uniform field could have added; alike `slopes` (n, 4, d) of its pattern with the
+    pose, and `away` (n, h, d) from its pattern to those of all heads, of which it is one. Weights
+    of a mixture have a deviation of 1 about 0: 1 is the whole way to another head.
     """
     heads, free = away.shape[1], slopes.shape[1]
     if heads == 1:
@@ -69,14 +53,7 @@ def supports_of(
 ) -> SupportSet:  # fmt: skip
     """Presses (n) as supports of classes, with what the most alike template of each changes by.
 
-    Parameters
-    ----------
-    presses : Presses
-        n presses.
-    labels, number : ndarray, shape (n,)
-        Their classes, and which press each is a window of.
-    matches, bank : Matches and PressBank, or None
-        Templates of the presses; None: there is no model.
+    `number` (n,) says which press each is a window of; without a bank nothing is known to change.
     """
     n, d = presses.pattern.shape
     slopes, bends = np.zeros((n, 3, d)), np.zeros((n, d))
@@ -96,12 +73,11 @@ RANK = 6  # patterns that heads have in common at a place
 PLACES = 10  # looked at closely
 STARTS = 2  # of each head
 DEEPEST, SHALLOWEST = 0.5, 0.005  # of the body
-TOGETHER = 64  # presses
 TURNS, APART = 8, 1e-6  # of a search for patterns; of its matrices, added to their diagonal
 
 
 @dataclass(frozen=True)
-class Matches:
+class Matches(Rows):
     """The best press of every head, for each of n presses."""
 
     cost: Array  # (n, heads) squared misfit over its variance
@@ -112,19 +88,11 @@ class Matches:
     level: Array  # (n,) logarithm of the variance of the pattern
     misfit: Array  # (n,) of the likeliest head's shape; see `shape_misfits`
 
-    def rows(self, rows: npt.NDArray[np.intp]) -> Matches:
-        """Those of some presses."""
-        return Matches(*(getattr(self, one.name)[rows] for one in fields(self)))
-
     def or_better(self, other: Matches) -> Matches:
         """Matches of each press on this or on another skin, whichever fit better."""
-        which = np.argmin([self.cost.min(axis=1), other.cost.min(axis=1)], axis=0)
-        each = np.arange(len(which))
-        parts = (
-            np.stack([getattr(self, one.name), getattr(other, one.name)])[which, each]
-            for one in fields(self)
-        )
-        return Matches(*parts)
+        better = other.cost.min(axis=1) < self.cost.min(axis=1)
+        count = len(better)
+        return self.joined(other).rows(np.arange(count) + count * better)
 
 
 class PressSearch:
@@ -134,16 +102,11 @@ class PressSearch:
     ----------
     bank : PressBank
         Templates.
-    noise : ndarray, shape (d,)
-        Of a reading (T).
-    common : ndarray, shape (d, 3)
-        What a uniform field does to readings.
-    body : float
-        Height of the soft body (m).
-    error : float
-        Of the model, as a share of what a chip sees.
-    still : float
-        Error of a pattern that frames do not average (T).
+    noise, common : ndarray, shape (d,) and (d, 3)
+        Of a reading (T); what a uniform field does to readings.
+    body, error, still : float
+        Height of the soft body (m); error of the model, as a share of what a chip sees; error of
+        a pattern that frames do not average (T).
     other : PressSearch or None
         The same for another skin that it may be: each press is taken for one of the skin that
         explains it better.
@@ -162,7 +125,7 @@ class PressSearch:
         nodes = bank.at_nodes()
         usual = USUAL * body
         found = nodes[..., 0, :] + usual * nodes[..., 1, :] + usual**2 * nodes[..., 2, :]
-        found -= (found @ self.basis.astype(np.float32)) @ self.basis.T.astype(np.float32)
+        found = without_field(found, self.basis.astype(np.float32))
         found /= np.linalg.norm(found, axis=-1, keepdims=True) + np.float32(1e-30)
         turns, nx, ny, d = found.shape
         self.units = np.ascontiguousarray(np.moveaxis(found, 0, 2).reshape(nx * ny, turns, d))
@@ -176,14 +139,6 @@ class PressSearch:
         self.first = np.array([head.first for head in bank.heads])
         self.heads = np.repeat(np.arange(len(bank.heads)), STARTS)
 
-    def find(self, presses: Presses) -> Matches:
-        """The best press of every head."""
-        count = len(presses.pattern)
-        if count <= TOGETHER:
-            return self._find(presses)
-        each = np.split(np.arange(count), np.arange(TOGETHER, count, TOGETHER))
-        return joined([self._find(presses.rows(rows)) for rows in each])
-
     def let_still(self, still: float) -> None:
         """Let patterns have another error that frames do not average (T)."""
         self.still = still
@@ -194,42 +149,40 @@ class PressSearch:
         """Variance of patterns (n, d): noise, and error of the model where chips see much."""
         return presses.variance(self.noise, self.still) + share_of(presses.pattern, self.error)
 
-    def _find(self, presses: Presses) -> Matches:
-        """Matches of a few presses, which fit in the memory together."""
-        found = self._found(presses)
-        return found if self.other is None else found.or_better(self.other._find(presses))
-
-    def _found(self, presses: Presses) -> Matches:
-        """The same on this skin."""
-        # one by one, so that a press has the same starts alone and among others
-        start = np.array([self._starts(own) for own in presses.pattern @ self.cleared])
-        bank, (n, d), s = self.bank, presses.pattern.shape, len(self.heads)
+    def find(self, presses: Presses) -> Matches:
+        """The best press of every head."""
+        bank, (n, d), heads = self.bank, presses.pattern.shape, len(self.bank.heads)
         variance = self.variance(presses)
         weight = 1 / np.sqrt(variance)
         span = np.swapaxes(np.linalg.qr(weight[..., None] * self.common)[0], 1, 2)
         span = np.ascontiguousarray(span)
-        wanted = _cleared((presses.pattern * weight)[:, None], span)
-        cost, normal, plain = np.empty((n, s)), np.empty((n, s, 4, 4)), np.empty((n, s, 5, d))
-        for i in range(n):
+        wanted = _cleared((presses.pattern * weight)[:, None], span)[:, 0]
+        pose, cost = np.empty((n, heads, 4)), np.empty((n, heads))
+        normal, plain = np.empty((n, heads, 4, 4)), np.empty((n, heads, 5, d))
+        starts = STARTS * heads
+        all_cost, all_normal = np.empty(starts), np.empty((starts, 4, 4))
+        all_plain = np.empty((starts, 5, d))
+        # one by one, so that a press has the same starts alone and among others
+        for i, own in enumerate(presses.pattern @ self.cleared):
+            start = self._starts(own)
             descend_rows(
                 bank.flat, bank.grid, bank.about, self.heads, self.limit, weight[i], span[i],
-                wanted[i, 0], start[i], cost[i], normal[i], plain[i],
+                wanted[i], start, all_cost, all_normal, all_plain,
             )  # fmt: skip
-        each = np.arange(n)[:, None]
-        best = cost.reshape(n, -1, STARTS).argmin(axis=2) + STARTS * np.arange(len(self.first))
-        cost, plain, normal = cost[each, best], plain[each, best], normal[each, best]
+            best = all_cost.reshape(-1, STARTS).argmin(axis=1) + STARTS * np.arange(heads)
+            pose[i], cost[i] = start[best], all_cost[best]
+            normal[i], plain[i] = all_normal[best], all_plain[best]
         unit = np.sqrt(np.diagonal(normal, axis1=2, axis2=3)) + TINY
         size = unit[..., None] * unit[..., None, :]
         cov = np.linalg.inv(normal / size + DAMPING * np.eye(4)) / size
         likeliest = plain[np.arange(n), cost.argmin(axis=1)]
         away = plain[:, :, 0] - likeliest[:, :1]
-        rows = np.concatenate([likeliest, away], axis=1) * weight[:, None]
-        rows = _cleared(rows, span)
-        return Matches(
-            cost, start[each, best], cov, plain[:, :, 1:], plain[:, :, 0],
-            np.log(variance).sum(axis=1),
-            shape_misfits(wanted[:, 0] - rows[:, 0], rows[:, 1:5], rows[:, 5:]),
+        rows = _cleared(np.concatenate([likeliest, away], axis=1) * weight[:, None], span)
+        found = Matches(
+            cost, pose, cov, plain[:, :, 1:], plain[:, :, 0], np.log(variance).sum(axis=1),
+            shape_misfits(wanted - rows[:, 0], rows[:, 1:5], rows[:, 5:]),
         )  # fmt: skip
+        return found if self.other is None else found.or_better(self.other.find(presses))
 
     def _starts(self, own: Array) -> Array:
         """Poses (s, 4) at which descents of one press (d,) start, head by head."""
@@ -249,13 +202,6 @@ class PressSearch:
 def _cleared(rows: Array, span: Array) -> Array:
     """Rows (n, r, d) without what a uniform field could have added, (n, 3, d) orthonormal."""
     return np.asarray(rows - np.matmul(np.matmul(rows, np.swapaxes(span, 1, 2)), span))
-
-
-def joined(parts: list[Matches]) -> Matches:
-    """Matches of presses, one after the other."""
-    return Matches(
-        *(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(Matches))
-    )
 
 
 def _leading(gram: Array, rank: int) -> Array:

@@ -57,18 +57,14 @@ class Head:
 
 
 class PressBank:
-    """Templates of heads on one sheet.
+    """Templates of heads on one sheet in a body.
 
     Parameters
     ----------
-    sheet : Sheet
-        At rest.
-    dents : PunchDents
-        Of the body that it is in.
-    chips : ndarray, shape (t, 3)
-        Hall elements (m).
-    responses : ndarray, shape (t, 3, 3)
-        Field in sensor axes -> readings of a chip.
+    sheet, dents : Sheet and PunchDents
+        At rest; of the body.
+    chips, responses : ndarray, shape (t, 3) and (t, 3, 3)
+        Hall elements (m); field in sensor axes -> readings of a chip.
     turning : float
         Share of the body's turns that dipoles follow.
     outlines : sequence of Outline
@@ -76,10 +72,6 @@ class PressBank:
 
     Attributes
     ----------
-    heads : list of Head
-        In the order of the outlines.
-    places : tuple of ndarray
-        Nodes along x and y (m).
     table : ndarray, shape (turns, x, y, 3, t 3)
         Spline coefficients for the powers 1 to 3 of the depth (T / m, T / m2, T / m3).
     """
@@ -200,20 +192,10 @@ class PressBank:
         return np.moveaxis(smooth, -1, 0)
 
     def at(self, head: Integers, poses: Array) -> Array:
-        """Templates by power of depth, and how they change with the pose.
+        """Templates of heads (n,) at poses (n, 3) (m, rad), shape (n, 4, 3, t 3).
 
-        Parameters
-        ----------
-        head : ndarray, shape (n,)
-            Numbers of heads.
-        poses : ndarray, shape (n, 3)
-            Places (m) and turns (rad).
-
-        Returns
-        -------
-        ndarray, shape (n, 4, 3, t 3)
-            Value, and its change with x, y (per m) and turn (per rad), for each power of depth;
-            beyond the places it stays as at their edge.
+        Value, and its change with x, y (per m) and turn (per rad), for each power of depth; beyond
+        the places it stays as at their edge.
         """
         wide = 3 * self.table.shape[-1]
         found, work = np.empty((len(head), 4, wide), np.float32), np.empty((3, wide), np.float32)

@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Classes by the mean features of their few presses: prototypes, [1] eq. (2) to (6).
+"""Classes by the mean features of their few presses: prototypes, [1] eq. (2) and (3).
 
 Eq. (3) is printed with +d, which picks the farthest class; -d is meant. As distances are sums of
 hundreds of squares, exp underflows: probabilities stay logarithms.
@@ -13,8 +13,6 @@ import numpy as np
 
 if TYPE_CHECKING:
     from tactile_ros.types import Array, Integers
-
-APART = 0.1  # weight of the loss by which prototypes keep apart
 
 
 class Prototypes:
@@ -49,11 +47,3 @@ class Prototypes:
     def predict(self, features: Array) -> Integers:
         """Class (n,) of features (n, p); of equally near ones the lowest."""
         return np.asarray(self.classes_[self.log_probability(features).argmax(axis=1)])
-
-    def loss(self, features: Array, labels: Integers) -> float:
-        """Loss1 + 0.1 Loss2 of queries (n, p), eq. (4) to (6); each pair counts twice."""
-        row = np.searchsorted(self.classes_, labels)
-        first = -self.log_probability(features)[np.arange(len(row)), row].mean()
-        apart = np.linalg.norm(self.means_[:, None] - self.means_, axis=2)
-        second = (1 / (1 + apart)).sum() - len(apart)
-        return float(first + APART * second)

@@ -122,36 +122,18 @@ def hats(sheet: Sheet) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class LabelledPress:
-    """A press of a described head at a labelled place.
-
-    Attributes
-    ----------
-    outline : Outline
-        Of the head.
-    pose : ndarray, shape (3,)
-        Place (m) and turn (rad).
-    turn_known : bool
-        The turn is a label, not a first guess.
-    pattern, variance : ndarray, shape (t 3,)
-        Change of field (T), and variance by noise (T2).
-    """
+    """A press of a described head at a labelled place."""
 
     outline: Outline
-    pose: Array
-    turn_known: bool
+    pose: Array  # (3,) place (m) and turn (rad)
+    turn_known: bool  # the turn is a label, not a first guess
+    # (t 3,) change of field (T), and variance by noise (T2)
     pattern: Array
     variance: Array
 
 
 class SheetCalibration:
-    """Parameters of one skin, from its drawing on.
-
-    Parameters
-    ----------
-    drawn : SkinModel
-        As the config draws it.
-    noise : float
-        Of a resting reading (T).
+    """Parameters of one skin, from its drawing on; `noise` is of a resting reading (T).
 
     Attributes
     ----------
@@ -200,21 +182,10 @@ class SheetCalibration:
         self._iterate(rest, presses, PRESS_ROUNDS)
 
     def held_out(self, presses: Sequence[LabelledPress], fold: Integers) -> tuple[Array, float]:
-        """Fitted presses as they differ from a skin that was fitted without them.
+        """Presses that differ from this skin as fitted ones do from a skin fitted without them.
 
-        Parameters
-        ----------
-        presses : sequence of LabelledPress
-            Those of the last `fit_presses` (n).
-        fold : ndarray, shape (n,)
-            Presses of one fold are left out together: the last round is made again without.
-
-        Returns
-        -------
-        patterns : ndarray, shape (n, t 3)
-            Presses that differ from this skin as theirs do from the other one (T).
-        error : float
-            Share of the presses that the other skins do not explain.
+        Those of the last `fit_presses` (n); of each fold (n,) the last round is made again
+        without. Patterns (n, t 3) (T), and the share that the other skins do not explain.
         """
         patterns = np.array([press.pattern for press in presses])
         left = np.empty_like(patterns)

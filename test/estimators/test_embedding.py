@@ -37,32 +37,14 @@ def test_how_deep_a_press_is_hardly_matters_and_noise_alone_is_not_blown_up() ->
     assert np.linalg.norm(faint - nothing) < 0.2 * np.linalg.norm(one - nothing)
 
 
-def test_a_network_says_what_made_it() -> None:
+def test_networks_say_what_made_them_and_are_small() -> None:
     for what in recogniser.TRAINED:
         made = recogniser.pronet(what).session.get_modelmeta().custom_metadata_map
         assert made['made by'].startswith('training/pronet.py --seed 1')
         places = [int(place) for place in made['places learned from'].split()]
         learned = trials.split_places(1)[0] if what == 'shapes' else np.arange(25)
         np.testing.assert_array_equal(places, learned)
-
-
-def test_what_is_not_trained_is_refused() -> None:
-    with pytest.raises(ValueError, match='shapes, postures'):
-        recogniser.pronet('mugs')
-
-
-def test_files_are_small() -> None:
     folder = Path(recogniser.__file__).parent
     assert sum(path.stat().st_size for path in folder.glob('*.onnx')) < 1_000_000
-
-
-def test_heads_at_a_held_out_place_are_told_from_five_presses() -> None:
-    world = trials.world_module()
-    _, held = trials.split_places(1)
-    some = trials.collection(
-        world.World(trials.SKIN), world.nine_heads()[1::2], world.stations()[held[:1]], 7,
-        trials.TAKEN,
-    )  # fmt: skip
-    features = recogniser.pronet('shapes').features(some.windows)
-    right = trials.few_shot(features, some, 5, 4, 40, 0)
-    assert right > 0.95
+    with pytest.raises(ValueError, match='shapes, postures'):
+        recogniser.pronet('mugs')

@@ -15,7 +15,6 @@ from tactile_ros.estimators.few_shot import (
     SupportSet,
     choose_metric,
     press_pattern,
-    prototype_scores,
     share_of,
     support_scores,
 )
@@ -89,17 +88,6 @@ def test_scores_are_likelihoods_with_their_nuisances() -> None:
     ways = ways - (ways @ span) @ span.T
     level = np.log(variance).sum() + np.linalg.slogdet(np.eye(2) + ways @ ways.T)[1]
     assert score[0, 0] == pytest.approx(cost + level, rel=1e-6)
-
-
-def test_the_class_that_was_seen_scores_best_whatever_field_is_added() -> None:
-    known = supports(drawn(2), [0, 1])
-    asked = np.array([1.4, 0.7])[:, None] * known.pattern + COMMON @ np.array([5e-5, -5e-5, 4e-5])
-    presses = Presses(asked, np.full(2, 5.0))
-    for score in (
-        support_scores(known, presses, NOISE, COMMON, 1e-6, Metric()),
-        prototype_scores(known, presses, BASIS),
-    ):
-        assert score.argmin(axis=1).tolist() == [0, 1]
 
 
 def places_and_shapes(kinds: int, presses: int, aside: float) -> SupportSet:

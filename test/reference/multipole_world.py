@@ -15,8 +15,10 @@ from functools import lru_cache
 import numpy as np
 
 from tactile_ros.sensors import load_sensor
+from tactile_ros.sensors.multipole_skin.config import HEADS, box, nine_heads, regular
 from tactile_ros.types import Outline, Recording
 
+__all__ = ['bars', 'box', 'collect', 'new_heads', 'nine_heads', 'paper_protocol', 'regular']
 SENSOR = load_sensor('multipole_skin')
 Heads = tuple[Outline, ...]
 MU0 = 4e-7 * np.pi
@@ -47,36 +49,9 @@ class Flaws:
 IDEAL = Flaws(0, 0, 0, 0, 0, 0, 0, 0, 4e-6, 0)
 
 
-def regular(name: str, corners: int, size: float, turn: float = 0.0) -> Outline:
-    """A regular polygon of a given radius (m)."""
-    angle = turn + 2 * np.pi * np.arange(corners) / corners
-    return Outline(name, (size * np.column_stack([np.cos(angle), np.sin(angle)]),))
-
-
-def box(name: str, length: float, width: float) -> Outline:
-    """A rectangle (m)."""
-    x, y = length / 2, width / 2
-    return Outline(name, (np.array([[-x, -y], [x, -y], [x, y], [-x, y]]),))
-
-
-def nine_heads() -> tuple[Outline, ...]:
-    """Square, triangle and circle of 10, 15 and 20 mm, as [1] collected with."""
-    heads = []
-    for mm in (10, 15, 20):
-        edge = 1e-3 * mm
-        heads.append(box(f'square_{mm}', edge, edge))
-        heads.append(regular(f'triangle_{mm}', 3, edge / np.sqrt(3), np.pi / 2))
-        heads.append(regular(f'circle_{mm}', 48, edge / 2))
-    return tuple(heads)
-
-
-def new_heads() -> tuple[Outline, ...]:
+def new_heads() -> Heads:
     """The five heads of [1] that were not trained with."""
-    return (
-        box('rectangle_10x15', 15e-3, 10e-3), box('rectangle_8x12', 12e-3, 8e-3),
-        regular('circle_12', 48, 6e-3), box('square_12', 12e-3, 12e-3),
-        regular('triangle_12', 3, 12e-3 / np.sqrt(3), np.pi / 2),
-    )  # fmt: skip
+    return HEADS
 
 
 def bars() -> tuple[Outline, ...]:
@@ -172,17 +147,7 @@ def _crossings(loops: tuple[np.ndarray, ...], points: np.ndarray) -> np.ndarray:
 
 
 class World:
-    """One skin with its flaws.
-
-    Parameters
-    ----------
-    seed : int
-        Of the flaws.
-    flaws : Flaws
-        How large they are.
-    magnetisation : str
-        'M1' to 'M4'.
-    """
+    """One skin with its flaws, magnetised as 'M1' to 'M4'."""
 
     def __init__(self, seed: int, flaws: Flaws | None = None, magnetisation: str = 'M4') -> None:
         rng = np.random.default_rng([7, seed])
@@ -342,22 +307,9 @@ def collect(
     world: World, heads: Heads, labels: np.ndarray, places: np.ndarray, yaws: np.ndarray,
     depths: np.ndarray, seed: int, stray: np.ndarray | None = None, config: object = None,
 ) -> Recording:  # fmt: skip
-    """Presses, one stream of tare rows and a window each, with their truth.
+    """Presses (n), one stream of tare rows and a window each, with their truth.
 
-    Parameters
-    ----------
-    world : World
-        Pressed on.
-    heads : sequence of Outline
-        Pressing; `labels` (n,) are indices into them.
-    labels, places, yaws, depths : ndarray, shape (n,), (n, 2), (n,), (n,)
-        Of each press.
-    seed : int
-        Of speeds, drift and noise.
-    stray : ndarray, shape (3,), or None
-        Field that comes after the tare (T).
-    config : MultipoleSkinConfig or None
-        Of the recording's layout.
+    `seed` is of speeds, drift and noise; a field `stray` (3,) (T) may come after the tare.
     """
     rng = np.random.default_rng([11, seed])
     rows = TARE + WINDOW

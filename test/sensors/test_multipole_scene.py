@@ -31,7 +31,11 @@ def of_presses(recording: Recording, name: str) -> np.ndarray:
 
 
 def test_known_heads_press_then_the_new_one_then_all(played: Recording) -> None:
-    labels = of_presses(played, 'label')
+    lesson, labels = SPEC.lesson, of_presses(played, 'label')
+    assert lesson is not None
+    assert (lesson.label, lesson.presses) == (twin.NEW.name, twin.SHOTS)
+    assert twin.NEW.name not in [head.name for head in SPEC.config().objects]  # type: ignore[attr-defined]
+    assert twin.SHOTS < twin.TAUGHT
     taught = slice(twin.BEFORE, twin.BEFORE + twin.TAUGHT)
     assert (labels[taught] == HEADS).all()
     assert (labels[: twin.BEFORE] < HEADS).all()
@@ -52,11 +56,3 @@ def test_readings_grow_with_depth_and_return_to_rest(played: Recording) -> None:
     assert 1 < np.nanmax(force) < 12
     one = touched & (played.truth['repetition'] == 0)
     assert np.corrcoef(change[one], force[one])[0, 1] > 0.99
-
-
-def test_the_lesson_is_what_the_package_says() -> None:
-    lesson = SPEC.lesson
-    assert lesson is not None
-    assert (lesson.label, lesson.presses) == (twin.NEW.name, twin.SHOTS)
-    assert lesson.label not in [head.name for head in SPEC.config().objects]  # type: ignore[attr-defined]
-    assert lesson.presses < twin.TAUGHT

@@ -26,28 +26,18 @@ def labels(place: np.ndarray, number: np.ndarray, group: np.ndarray | None = Non
     return Labels(np.arange(COUNT) % 3, place, np.zeros(COUNT), group, number)
 
 
-def test_all_heads_of_a_place_are_held_out_together() -> None:
+def test_folds_hold_places_presses_or_groups_out_together() -> None:
     # hard case 8: presses of one place in both parts are told by their place
-    some = labels(PLACES, np.arange(COUNT))
-    at = PLACES @ [1e3, 1e6]
-    for fold in range(FOLDS):
-        out = some.folds == fold
-        assert not set(at[out]) & set(at[~out])
-        assert out.any()
-
-
-def test_windows_of_one_press_stay_together_where_a_head_rolled() -> None:
-    rolled = PLACES + 1e-3 * (np.arange(COUNT) % 2)[:, None]
-    folds = labels(rolled, np.arange(COUNT) // 2).folds.reshape(-1, 2)
-    np.testing.assert_array_equal(folds[:, 0], folds[:, 1])
-
-
-def test_without_places_groups_of_the_recording_are_held_out() -> None:
-    group = np.arange(COUNT) // 4
-    some = labels(np.full_like(PLACES, np.nan), np.arange(COUNT), group)
-    for fold in range(FOLDS):
-        out = some.folds == fold
-        assert not set(group[out]) & set(group[~out])
+    number, group, unknown = np.arange(COUNT), np.arange(COUNT) // 4, np.full_like(PLACES, np.nan)
+    for some, kept in (
+        (labels(PLACES, number), PLACES @ [1e3, 1e6]),
+        (labels(PLACES + 1e-3 * (number % 2)[:, None], number // 2), number // 2),  # heads rolled
+        (labels(unknown, number, group), group),
+    ):
+        for fold in range(FOLDS):
+            out = some.folds == fold
+            assert not set(kept[out]) & set(kept[~out])
+            assert out.any()
 
 
 def test_class_heads_explain_all_presses_of_a_class() -> None:

@@ -76,25 +76,9 @@ HEADS = (
 class MultipoleSkinConfig:
     """A magnetised sheet on a soft layer over 3-axis chips; lengths in m, origin at z = 0.
 
-    Attributes
-    ----------
-    positions, rotations : ndarray, shape (t, 3) and (t, 3, 3) or None
-        Hall elements; chip axes to sensor axes.
-    saturation, noise : float, ndarray of shape (3,), or None
-        Range of the chips and noise of a channel (T).
-    rate_hz, track_baseline : float, bool
-        Frames per second; whether slow drift at rest is followed.
-    gap, sheet_size, sheet_thickness, layer_thickness : float and ndarray of shape (2,)
-        Hall plane to sheet at rest; sheet; soft layer under it. Where `positions` say otherwise
-        than `gap`, they win.
-    pole_pitch, magnetisation : float, str
-        Width of a pole; M1 +z, M2 +y, M3 +y for y > 0 and -y below, M4 +-y in bands along y.
-    youngs_modulus, poisson_ratio, remanence : float
-        Of layer and sheet (Pa, 1); of the sheet (T).
-    window : int
-        Frames of a press.
-    objects : tuple of Outline
-        Heads that may press; `label` is an index into them.
+    Where `positions` say otherwise than `gap`, they win. Magnetised is the sheet M1 along +z, M2
+    along +y, M3 +y for y > 0 and -y below, M4 +-y in bands along y. The label of a head is its
+    index in `objects`.
     """
 
     positions: Array = array(chip_positions(), 'Hall elements of the chips', 'm', (-1, 3))

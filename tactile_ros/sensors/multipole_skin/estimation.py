@@ -28,6 +28,7 @@ from tactile_ros.sensors.regression import Recognition, scatter_rows
 from tactile_ros.types import Estimation
 
 if TYPE_CHECKING:
+    from tactile_ros.estimators.press_search import Matches
     from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
     from tactile_ros.sensors.multipole_skin.recogniser import Answers, Recogniser
     from tactile_ros.types import Array, Columns, Integers, Report, Signals
@@ -52,16 +53,10 @@ def only_rows(known: Columns, rows: Integers) -> None:
 
 @dataclass
 class WindowMemory:
-    """Memory of a stream.
-
-    Attributes
-    ----------
-    frames : list of ndarray, shape (d,)
-        The newest changes of field, no more than a window.
-    """
+    """Memory of a stream."""
 
     past: object  # of what else estimates from the stream
-    frames: list[Array] = field(default_factory=list)
+    frames: list[Array] = field(default_factory=list)  # newest changes of field (d,), a window
     # frames since the stream began, and in contact since the last window
     age: int = 0
     held: int = 0
@@ -70,23 +65,9 @@ class WindowMemory:
 def find_windows(
     signals: Signals, size: int, memory: WindowMemory
 ) -> tuple[list[int], list[Array]]:
-    """Windows that end in some frames; the memory moves on.
+    """Windows of a size that end in some frames: last rows, and changes of field (w, d).
 
-    Parameters
-    ----------
-    signals : Signals
-        Conditioned frames (s).
-    size : int
-        Frames of a window.
-    memory : WindowMemory
-        Of the stream.
-
-    Returns
-    -------
-    ends : list of int
-        Rows on which the answers stand.
-    frames : list of ndarray, shape (w, d)
-        Changes of field in each window; NaN in rows that could not be used.
+    Rows that could not be used are NaN; the memory moves on.
     """
     delta = signals.delta.reshape(len(signals.good), int(np.prod(signals.delta.shape[1:])))
     if signals.stamp_ns is None:  # frames without times are presses of their own
@@ -135,31 +116,15 @@ def press_numbers(signals: Signals, size: int) -> Integers:
 
 FOLDS = 5
 DRAWN = 40  # presses of a class that are made up
-AROUND = np.array([2e-4, 2e-4, 0.02])  # m, m, rad: how well a head returns to a place
-DEEPER = (0.6, 1.6)  # depths of those presses over that of the class's
 FIRM = 2 * WEAKEST  # sigma: a press to learn from must be clearer than one to recognise
 
 
 def enrolled(
     recogniser: Recogniser, signals: Signals, size: int, number: int, name: str
 ) -> SupportSet:
-    """SupportSet of a new class.
+    """SupportSet of a new class from conditioned frames of its presses, windows of a size.
 
-    Parameters
-    ----------
-    recogniser : Recogniser
-        That will know it.
-    signals : Signals
-        Conditioned frames of its presses.
-    size : int
-        Frames of a window.
-    number, name : int, str
-        Of the class.
-
-    Raises
-    ------
-    ValueError
-        If no press is found, one is clipped or faulty, or one is too weak.
+    ValueError if no press is found, one is clipped or faulty, or one is too weak.
     """
     ends, windows = find_windows(signals, size, WindowMemory(None))
     spoilt = int((~signals.good).sum())
@@ -190,36 +155,11 @@ def enrolled(
     return recogniser.supports(presses, labels, press)
 
 
-def costs(recogniser: Recogniser, new: SupportSet, number: int) -> dict[str, float]:
-    """Cost of a class to those known before, and the count of presses it was learned from.
-
-    Parameters
-    ----------
-    recogniser : Recogniser
-        That knows it already.
-    new : SupportSet
-        Windows of its presses.
-    number : int
-        Of the class.
-    """
-    return {
-        'presses': float(len(np.unique(new.number))),
-        **lost_by(recogniser, number),
-        **lost_there(recogniser, new, number),
-    }
-
-
 def lost_by(recogniser: Recogniser, number: int) -> dict[str, float]:
-    """Held-out presses of known classes that a class now takes.
+    """Held-out presses of known classes that a class now takes: count, share, 95 % bound.
 
     Lost is what would be named rightly without the class. A press is lost with the first of its
-    windows: they are no evidence of their own.
-
-    Returns
-    -------
-    dict of str to float
-        `known_presses_judged`, a count; `known_presses_lost`, a share; and
-        `known_presses_lost_at_most`, its 95 % bound. Shares are NaN where none is known.
+    windows: they are no evidence of their own. Shares are NaN where none is known.
     """
     known = recogniser.known_
     press = np.asarray(np.unique(known.number, return_inverse=True)[1], np.int64).reshape(-1)
@@ -244,13 +184,8 @@ def lost_there(recogniser: Recogniser, new: SupportSet, number: int) -> dict[str
 
     A class is taken whole or not at all, by chance, since what its template or its presses are
     wrong by is the same from press to press: either it is what pressed, as far as could be told
-    without the new class, or noise makes it alike.
-
-    Returns
-    -------
-    dict of str to float
-        `lost_there`, the share over all classes, and `lost_there_at_most`, its 95 % bound; NaN
-        where none is open. `lost_there LABEL` for each that is more likely taken than not.
+    without the new class, or noise makes it alike. Of each that is more likely taken than not, the
+    chance stands under its number; NaN where none is open.
     """
     matches = recogniser.matches(new)
     found = recogniser.scores(new, matches, recogniser.known_, recogniser.road_)
@@ -262,7 +197,7 @@ def lost_there(recogniser: Recogniser, new: SupportSet, number: int) -> dict[str
     fits = class_chances(found[1][:, others], found[2][:, others], recogniser.usual_,
                          recogniser.vary_)[0]  # fmt: skip
     same = fits.mean(axis=0)
-    noisy = _noise_takes(recogniser, new, number)
+    noisy = _noise_takes(recogniser, new, number, matches)
     chance = 1 - (1 - same) * (1 - np.array([noisy.get(label, 0.0) for label in labels.tolist()]))
     taken = {
         f'lost_there {label}': float(one)
@@ -272,62 +207,35 @@ def lost_there(recogniser: Recogniser, new: SupportSet, number: int) -> dict[str
     return {'lost_there': float(chance.mean()), 'lost_there_at_most': _most_of(chance), **taken}
 
 
-def _noise_takes(recogniser: Recogniser, new: SupportSet, number: int) -> dict[int, float]:
+def _noise_takes(
+    recogniser: Recogniser, new: SupportSet, number: int, matches: Matches | None
+) -> dict[int, float]:
     """Share of presses of each drawn head and enrolled class that noise makes those of a class.
 
-    Presses of every drawn head are made up there, at depths, places and turns around those at
-    which it is nearest to the class, with noise and errors of the model; of enrolled classes,
-    their own presses are used with such noise.
+    Patterns are those with which heads are nearest to its first press, and the first ones of
+    classes; noise and errors of the model are drawn.
     """
-    rng = np.random.default_rng(0)
-    labels, parts = [], []
-    for label, some in (*_heads_there(recogniser, new, rng), *_enrolled_again(recogniser, number)):
-        labels.append(label)
-        parts.append(some)
-    if not parts:
+    patterns: dict[int, Array] = {}
+    if matches is not None and recogniser.described:
+        patterns = dict(enumerate(matches.fitted[0]))
+    enrolled = recogniser.enrolled_
+    for label, row in zip(*np.unique(enrolled.label, return_index=True), strict=True):
+        if label != number:
+            patterns[int(label)] = enrolled.pattern[row]
+    if not patterns:
         return {}
-    presses = Presses(
-        np.concatenate([one.pattern for one in parts]),
-        np.concatenate([one.frames for one in parts]),
-    )
+    many = np.repeat(list(patterns.values()), DRAWN, axis=0)
+    presses = Presses(many, np.full(len(many), new.frames[0]))
     variance = presses.variance(recogniser.noise, recogniser.still_)
     if recogniser.search is not None:
         variance = recogniser.search.variance(presses)
-    noisy = presses.pattern + np.sqrt(variance) * rng.normal(size=presses.pattern.shape)
-    named, _ = _named(recogniser, replace(presses, pattern=noisy), recogniser.known_, number)
-    lost = named == number
-    each = (lost.reshape(-1, DRAWN).sum(axis=1) + 0.5) / (DRAWN + 1)
-    return dict(zip(labels, each.tolist(), strict=True))
-
-
-def _enrolled_again(recogniser: Recogniser, number: int) -> list[tuple[int, Presses]]:
-    """Presses of each class that was enrolled beside another one, many times over."""
-    enrolled = recogniser.enrolled_
-    return [
-        (label, enrolled.rows(np.resize(np.flatnonzero(enrolled.label == label), DRAWN)))
-        for label in np.unique(enrolled.label).tolist()
-        if label != number
-    ]
-
-
-def _heads_there(
-    recogniser: Recogniser, new: SupportSet, rng: np.random.Generator
-) -> list[tuple[int, Presses]]:
-    """Presses of each drawn head about the pose at which it is nearest to the first press."""
-    press = new.rows(np.array([0]))
-    matches = recogniser.matches(press)
-    found: list[tuple[int, Presses]] = []
-    if matches is None or recogniser.search is None or not recogniser.described:
-        return []
-    for head in np.flatnonzero(np.isfinite(matches.cost[0])).tolist():
-        pose = matches.pose[0, head, :3] + AROUND * rng.normal(size=(DRAWN, 3))
-        depth = matches.pose[0, head, 3] * rng.uniform(*DEEPER, DRAWN)
-        raised = depth[:, None] ** [1, 2, 3]
-        parts = recogniser.search.bank.at(np.full(DRAWN, head), pose)[:, 0]
-        pattern = np.einsum('np,npd->nd', raised, parts)
-        same = press.rows(np.zeros(DRAWN, np.intp))
-        found.append((head, replace(same, pattern=pattern)))
-    return found
+    noise = np.random.default_rng(0).normal(size=many.shape)
+    named, _ = _named(
+        recogniser, replace(presses, pattern=many + np.sqrt(variance) * noise),
+        recogniser.known_, number,
+    )  # fmt: skip
+    lost = (named == number).reshape(-1, DRAWN).sum(axis=1)
+    return dict(zip(patterns, ((lost + 0.5) / (DRAWN + 1)).tolist(), strict=True))
 
 
 def _named(
@@ -400,10 +308,8 @@ class MultipoleEstimation(Estimation):
         Of presses; None before a fit, and where a regressor was asked for.
     network_ : NetworkClasses or None
         Network of [1], where it is what names known classes.
-    by_press_ : tuple of str
-        Targets of which the recogniser speaks.
-    names_ : tuple of str
-        Of enrolled classes.
+    by_press_, names_ : tuple of str
+        Targets of which the recogniser speaks; names of enrolled classes.
     """
 
     learns_classes = True
@@ -507,59 +413,42 @@ class MultipoleEstimation(Estimation):
         return np.full(width, typical if typical > QUIETEST else NOISE)
 
     def _choose(self) -> None:
-        """Let presses speak of what they tell better than frames do."""
+        """Let presses, or a network, speak of what they tell better than frames do."""
         assert self.recogniser_ is not None
         report, frames = self.press_report_, self.frames_.report
-        described = self.recogniser_.described
-        right = report.get('label_by_press', {}).get(f'accuracy_{self.recogniser_.road_}')
-        votes = self._votes(frames)
-        theirs = 0.0
+        described, road = self.recogniser_.described, self.recogniser_.road_
+        # what knows but some of the heads that may press speaks of none
+        seen = set(self.recogniser_.known_.label.tolist())
+        all_seen = not described or seen.issuperset(range(len(self.config.objects)))
+        right = report.get('label_by_press', {}).get(f'accuracy_{road}', 0.0)
+        votes = theirs = 0.0
+        if all_seen and 'label' in self.frames_.estimators:
+            votes = frames['label']['held_out_accuracy']
         if self.network_ is not None:
             report['label_by_network'] = {f'accuracy_{self.network_.name}': self.network_.right}
-            if self.network_.useful and self._names_all():
-                theirs = self.network_.right
-        if theirs <= max(right or 0.0, votes):
+            theirs = self.network_.right if all_seen and self.network_.useful else 0.0
+        if theirs <= max(right, votes):
             self.network_ = None
         chosen = []
-        # where no press was repeated nothing judges presses, but nothing else names them
-        known = described or len(self.recogniser_.known_.label) > 0
-        by_default = known and 'label' not in self.frames_.estimators
-        if self.network_ is None and (by_default if right is None else right >= votes):
+        if self.network_ is None and right >= votes and (described or seen):
             chosen.append('label')
-        for target in ('position', 'yaw'):
+        for target in ('position', 'yaw') if described else ():
             own = report.get(f'{target}_by_press', {}).get('median', np.inf)
             means = [
                 found['held_out_mean']
                 for title, found in frames.items()
                 if title.startswith(target) and 'held_out_mean' in found
             ]
-            other = means[0] if means else np.inf
-            if described and (own < other or (not means and not np.isfinite(own))):
+            if not means or own < means[0]:
                 chosen.append(target)
         self.by_press_ = tuple(chosen)
-        self._spare_frames(frames)
-
-    def _spare_frames(self, report: Report) -> None:
-        """Ask frames no more of what presses tell."""
-        if 'yaw' in self.by_press_ and 'yaw' in report:
-            self.press_report_['yaw'], self.frames_.turn_ = report['yaw'], None
-        if 'label' in self.by_press_ or self.network_ is not None:
-            votes = self.frames_.votes_
-            self.press_report_.update({v.target: v.report_ for v in votes if v.target == 'label'})
-            self.frames_.votes_ = tuple(vote for vote in votes if vote.target != 'label')
-
-    def _votes(self, frames: Report) -> float:
-        """Accuracy of votes of frames; 0 where they cannot name every head."""
-        if not self._names_all() or 'label' not in self.frames_.estimators:
-            return 0.0
-        return frames.get('label', {}).get('held_out_accuracy', 0.0)
-
-    def _names_all(self) -> bool:
-        """True if every head that templates would name was seen."""
-        assert self.recogniser_ is not None
-        seen = set(self.recogniser_.known_.label.tolist())
-        heads = range(len(self.config.objects)) if self.recogniser_.described else ()
-        return seen.issuperset(heads)
+        # frames are asked no more of what presses tell
+        self.press_report_ = {**frames, **report}
+        if 'yaw' in chosen:
+            self.frames_.turn_ = None
+        if 'label' in chosen or self.network_ is not None:
+            votes_left = (vote for vote in self.frames_.votes_ if vote.target != 'label')
+            self.frames_.votes_ = tuple(votes_left)
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
         """Targets of every row; label, place and turn on the last frame of a window."""
@@ -580,12 +469,11 @@ class MultipoleEstimation(Estimation):
             known['label'] = scatter_rows(label, rows, n)
             known['label_probability'] = scatter_rows(chance, rows, n)
         # where votes or a network are better, presses name enrolled classes alone
-        mine = np.ones(len(rows), bool)
-        if 'label' not in self.by_press_:
-            mine = answers.label >= self.first_new_
-        for name in ('label', 'label_probability'):
-            column = answers.label if name == 'label' else answers.probability
-            if 'label' in self.by_press_ or name not in known:
+        all_mine = 'label' in self.by_press_
+        mine = all_mine | (answers.label >= self.first_new_)
+        columns = (('label', answers.label), ('label_probability', answers.probability))
+        for name, column in columns:
+            if all_mine or name not in known:
                 known[name] = scatter_rows(column[:0], rows[:0], n)
             known[name][rows[mine]] = column[mine]
         if 'position' in self.by_press_:
@@ -620,10 +508,7 @@ class MultipoleEstimation(Estimation):
     def enrol(self, signals: Signals, label: str) -> None:
         """Learn a class from the presses in conditioned frames; see `enrolment`.
 
-        Raises
-        ------
-        ValueError
-            If nothing was fitted, the name is taken, or a press is of no use.
+        ValueError if nothing was fitted, the name is taken, or a press is of no use.
         """
         if self.recogniser_ is None:
             msg = f'enrol of {label!r} must follow a fit of a road by presses; none was made'
@@ -636,7 +521,10 @@ class MultipoleEstimation(Estimation):
         old = self.recogniser_
         new = enrolled(old, signals, self.config.window, number, label)
         tried = old.with_enrolled(old.enrolled_.joined(new))
-        stated = costs(tried, new, number)
+        stated = {
+            'presses': float(len(np.unique(new.number))),
+            **lost_by(tried, number), **lost_there(tried, new, number),
+        }  # fmt: skip
         # all of it, or nothing where judging fails
         self.recogniser_, self.names_ = tried, names
         self.press_report_ = {**self.press_report_, f'enrolled {label}': stated}
@@ -644,10 +532,7 @@ class MultipoleEstimation(Estimation):
     def forget(self, label: str) -> None:
         """Undo the enrolment of a class; those enrolled after it move up.
 
-        Raises
-        ------
-        ValueError
-            If it was never enrolled.
+        ValueError if it was never enrolled.
         """
         if label not in self.names_ or self.recogniser_ is None:
             msg = f'label of forget must be enrolled, one of {self.names_}; received {label!r}'

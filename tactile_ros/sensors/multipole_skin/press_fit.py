@@ -3,14 +3,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.estimators.covariance import CovarianceModel
-from tactile_ros.estimators.few_shot import choose_metric, press_patterns
+from tactile_ros.estimators.few_shot import Rows, choose_metric, press_patterns
 from tactile_ros.estimators.sheet_calibration import (
     NODES,
     LabelledPress,
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, Bools, Integers, Report
 
 FEWEST = 3  # presses from which the sheet is fitted, or the share of turns chosen
-MOST = 1500  # windows that are kept as supports
 MOST_FITTED = 30  # presses by which the sheet is fitted
 MOST_TRIED = 40  # presses by which the share of turns is chosen
 MOST_STANDING = 120  # presses by which classes find a head that stands in for them
@@ -52,7 +52,7 @@ SAME = 1e-4  # m, places
 
 
 @dataclass(frozen=True)
-class Labels:
+class Labels(Rows):
     """Truth of windows (n): NaN and -1 where it is unknown."""
 
     label: Integers  # (n,) class
@@ -61,10 +61,6 @@ class Labels:
     yaw: Array
     group: Integers  # (n,) windows that must not be split, where places are not known
     number: Integers  # (n,) of the press that each is a window of
-
-    def rows(self, rows: npt.NDArray[np.intp]) -> Labels:
-        """Some of them."""
-        return Labels(*(getattr(self, one.name)[rows] for one in fields(self)))
 
     @property
     def groups(self) -> Integers:
@@ -126,18 +122,8 @@ def learn(
 ) -> tuple[Recogniser, Report]:  # fmt: skip
     """Recogniser of one skin, and errors on held-out groups.
 
-    Parameters
-    ----------
-    config : MultipoleSkinConfig
-        Of the skin.
-    rest, noise : ndarray, shape (t, 3) and (d,)
-        Resting readings, and noise of one (T).
-    windows : list of ndarray, shape (w, d)
-        Changes of field in presses.
-    labels : Labels
-        Of the windows.
-    dead : ndarray, shape (t,)
-        Chips that read nothing.
+    From resting readings (t, 3) with their noise (d,) (T), windows (w, d) of presses with labels,
+    and which chips (t,) are dead.
     """
     drawn = drawn_skin(config)
     drawn = replace(drawn, responses=np.where(dead[:, None, None], 0.0, drawn.responses))
@@ -153,7 +139,6 @@ def learn(
     if len(whole) >= FEWEST:
         recogniser.still_ = max(recogniser.still_, presses.still(noise))
     firm = np.flatnonzero(recogniser.strength(presses) >= WEAKEST)
-    firm = _spread_out(firm, MOST)
     presses, labels = presses.rows(firm), labels.rows(firm)
     outside = presses
     report: Report = {}
@@ -174,7 +159,10 @@ def _fit_sheet(
     expected = fit.expected(recogniser.outlines or HEADS) if rest is not None else MODEL_ERROR
     recogniser.error = float(np.clip(expected, *ERRORS))
     recogniser.turnings = TURNINGS[1:] if described else ()
-    rows = labelled_rows(recogniser, presses, labels)
+    # at labelled places: of described heads, or of any class where none is described
+    placed = np.isfinite(labels.place[:, :2]).all(axis=1) & (labels.label >= 0)
+    most = len(recogniser.outlines) if described else np.inf
+    rows = np.flatnonzero(placed & (labels.label < most))
     tried = rows if len(rows) >= FEWEST else np.arange(len(presses.pattern))
     if len(tried) < FEWEST or (described and len(rows) < FEWEST):
         return presses, {}
@@ -235,16 +223,6 @@ def _spread_out(rows: npt.NDArray[np.intp], most: int) -> npt.NDArray[np.intp]:
     return rows[np.unique(np.linspace(0, len(rows) - 1, most).astype(int))] if len(rows) else rows
 
 
-def labelled_rows(
-    recogniser: Recogniser, presses: Presses, labels: Labels
-) -> npt.NDArray[np.intp]:
-    """Windows at labelled places: of described heads, or of any class where none is described."""
-    placed = np.isfinite(labels.place[:, :2]).all(axis=1) & (labels.label >= 0)
-    if recogniser.outlines:
-        placed &= labels.label < len(recogniser.outlines)
-    return np.flatnonzero(placed)
-
-
 def _turning(
     recogniser: Recogniser, presses: Presses, heads: Integers, column: Integers | None
 ) -> tuple[float, Matches]:
@@ -256,12 +234,11 @@ def _turning(
     outlines = tuple(recogniser.outlines[i] for i in heads.tolist())
     found = {}
     for turning in TURNINGS:
-        trial = Recogniser(
-            replace(recogniser.model, turning=turning), outlines, recogniser.noise,
-            recogniser.common, recogniser.error, recogniser.library,
-        )  # fmt: skip
-        trial.still_ = recogniser.still_
-        matches = trial.matches(presses)
+        other = copy(recogniser)
+        other.outlines, other.turnings = outlines, ()
+        other.model = replace(recogniser.model, turning=turning)
+        other.refresh()
+        matches = other.matches(presses)
         assert matches is not None
         each = np.arange(len(matches.cost))
         cost = matches.cost.min(axis=1) if column is None else matches.cost[each, column]
@@ -275,14 +252,8 @@ def choose(
 ) -> Report:
     """Keep supports, choose the metric and the road that are right most often on held-out presses.
 
-    Parameters
-    ----------
-    recogniser : Recogniser
-        Of the skin; it is changed.
-    presses, outside : Presses
-        Windows (n), and as templates see them whose skin was fitted without them.
-    labels : Labels
-        Of the windows.
+    `presses` are windows (n), `outside` the same as templates see them whose skin was fitted
+    without them; the recogniser is changed.
     """
     use = np.flatnonzero(labels.label >= 0)
     if not len(use):
@@ -308,7 +279,7 @@ def choose(
     unseen = recogniser.matches(outside)
     assert unseen is not None
     found = {
-        road: _trial(recogniser, presses, unseen, labels.folds, road)
+        road: _validated(recogniser, presses, unseen, labels.folds, road)
         for road in ('press_templates', 'press_both')
     }
     shares = {road: float((named == labels.label).mean()) for road, (named, _) in found.items()}
@@ -343,7 +314,7 @@ def _unaveraged(recogniser: Recogniser, presses: Presses, matches: Matches) -> f
     return float(np.clip(np.sqrt(max(np.median(usual), 0.0)), least, recogniser.still_))
 
 
-def _trial(
+def _validated(
     recogniser: Recogniser, presses: Presses, matches: Matches, fold: Integers, road: str
 ) -> tuple[Integers, Array]:
     """Names of held-out presses, -1 where nothing is near, and their misfits."""

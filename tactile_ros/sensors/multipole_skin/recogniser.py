@@ -25,6 +25,7 @@ from tactile_ros.estimators.few_shot import (
     prototype_scores,
     share_of,
     support_scores,
+    without_field,
 )
 from tactile_ros.estimators.press_search import PressSearch, supports_of
 from tactile_ros.estimators.press_templates import PressBank
@@ -49,12 +50,7 @@ FEW = 5  # presses, as which what is usual counts
 def usual_misfit(misfits: Array, freedom: int) -> tuple[float, float]:
     """Usual misfit of a class by its own presses: middle of its logarithm, and spread above.
 
-    Parameters
-    ----------
-    misfits : ndarray, shape (n,)
-        Over their variance, of held-out presses that were named rightly.
-    freedom : int
-        Degrees of freedom of each.
+    Misfits (n,) are over their variance, of held-out presses that were named rightly.
     """
     if not len(misfits):
         return 0.0, UNTOLD
@@ -79,12 +75,8 @@ def none_chance(misfits: Array, usual: float, vary: float) -> Array:
 def class_chances(scores: Array, misfits: Array, usual: float, vary: float) -> tuple[Array, Array]:
     """Probabilities of classes, shape (n, k), and that it is none of them (n,).
 
-    Parameters
-    ----------
-    scores, misfits : ndarray, shape (n, k)
-        Twice the negative log-likelihood; misfit over its variance. Infinite: far away.
-    usual, vary : float
-        Of `usual_misfit`.
+    Scores (n, k) are twice the negative log-likelihood, inf: far away; misfits (n, k) are over
+    their variance; `usual` and `vary` are of `usual_misfit`.
     """
     n = np.arange(len(scores))
     best = scores.argmin(axis=1)
@@ -98,26 +90,14 @@ def class_chances(scores: Array, misfits: Array, usual: float, vary: float) -> t
     total = np.maximum(likely.sum(axis=1), 1e-30)
     return ((1 - none) / total)[:, None] * likely, none
 
-
-
 TRAINED = ('shapes', 'postures')
 FRAMES, CHANNELS = 10, 60  # of a window
 
 
-def can_run() -> bool:
-    """True if onnxruntime is installed."""
-    return find_spec('onnxruntime') is not None
-
-
 def pronet(what: str) -> Embedding:
-    """Network for 'shapes' of heads or 'postures' of a bar, as `training/pronet.py` made it.
+    """Network for 'shapes' of heads or 'postures' of a bar; ValueError for anything else.
 
-    It knows the skin that it was trained on, and no other.
-
-    Raises
-    ------
-    ValueError
-        If it is neither.
+    It knows the skin that `training/pronet.py` trained it on, and no other.
     """
     if what not in TRAINED:
         msg = f'what of pronet must be one of {", ".join(TRAINED)}; received {what!r}'
@@ -134,28 +114,17 @@ ENOUGH = 0.95
 
 
 class NetworkClasses:
-    """Classes of known presses by one network.
+    """Classes of known presses by one network, one of `TRAINED`.
 
     A prototype of [1] is the mean of a class at the place of the task. Where presses of many
     places are known, each place has prototypes of its own, and the nearest one names a press.
-
-    Parameters
-    ----------
-    what : str
-        Network: one of `pronet.TRAINED`.
-
-    Attributes
-    ----------
-    right : float
-        Share of held-out presses that are named rightly; 0 where none could be held out.
-    chance : float
-        Share of the commonest class.
-    worst_ : float
-        Distance beyond which no class fits.
     """
 
     prototypes_: Prototypes  # numbered one by one; `label_` (m,) says of which class each is
     label_: Integers
+    right: float  # share of held-out presses that are named rightly; 0: none could be held out
+    chance: float  # share of the commonest class
+    worst_: float  # distance beyond which no class fits
 
     def __init__(self, what: str) -> None:
         self.what = what
@@ -177,15 +146,7 @@ class NetworkClasses:
         return pronet(self.what)
 
     def fit(self, windows: list[Array], label: Integers, groups: Integers) -> NetworkClasses:
-        """Learn presses, and try it on groups that are split as wholes.
-
-        Parameters
-        ----------
-        windows : list of ndarray, shape (w, d)
-            Changes of field in presses (T).
-        label, groups : ndarray, shape (n,)
-            Class; place, or what must not be split.
-        """
+        """Learn windows (w, d) (T) with their classes (n,), and try it on groups (n,) held out."""
         use = np.flatnonzero(usable(windows) & (label >= 0))
         found, label, groups = self.features(windows, use), label[use], groups[use]
         fold = np.unique(groups, return_inverse=True)[1].reshape(-1) % FOLDS
@@ -241,13 +202,10 @@ def best_network(
 ) -> NetworkClasses | None:
     """The network that is right most often on held-out groups; None: none can be tried.
 
-    Raises
-    ------
-    MissingPackageError
-        If a single one was asked for and onnxruntime is not installed.
+    MissingPackageError if a single one was asked for and onnxruntime is not installed.
     """
     enough = int((usable(windows) & (label >= 0)).sum()) >= FEWEST
-    if not enough or (len(names) > 1 and not can_run()):
+    if not enough or (len(names) > 1 and find_spec('onnxruntime') is None):
         return None
     tried = [NetworkClasses(what).fit(windows, label, groups) for what in TRAINED
              if f'pronet_{what}' in names]  # fmt: skip
@@ -286,18 +244,13 @@ def bank_of(model: SkinModel, outlines: tuple[Outline, ...]) -> PressBank:
 
 @dataclass(frozen=True)
 class Answers:
-    """Estimates from n presses; see `ContactStates`.
-
-    Attributes
-    ----------
-    pose, cov : ndarray, shape (n, 3) and (n, 3, 3)
-        Place (m) and turn (rad) of the head named; of a class that nobody described the place
-        alone; NaN without a model.
-    """
+    """Estimates from n presses; see `ContactStates`."""
 
     # (n,) -1 and NaN: none of the classes
     label: Integers
     probability: Array
+    # (n, 3) and (n, 3, 3) place (m) and turn (rad) of the head named; of a class that nobody
+    # described the place alone; NaN without a model
     pose: Array
     cov: Array
     order: Integers  # (n,) of the head's symmetry; -1 unknown
@@ -310,14 +263,10 @@ class Recogniser:
     ----------
     model : SkinModel or None
         The skin as it is; None: templates are of no use.
-    outlines : tuple of Outline
-        Heads that have templates; their labels are 0, 1, 2 ...
-    library : tuple of Outline
-        Stand-ins for heads, where none is described.
-    noise : ndarray, shape (d,)
-        Of a reading (T).
-    common : ndarray, shape (d, 3)
-        Readings of a uniform field.
+    outlines, library : tuple of Outline
+        Heads that have templates, labelled 0, 1, 2 ...; stand-ins where none is described.
+    noise, common : ndarray, shape (d,) and (d, 3)
+        Of a reading (T); readings of a uniform field.
     error : float
         Of the model, as a share of what a chip sees.
 
@@ -330,15 +279,13 @@ class Recogniser:
     metric_ : Metric
         Usual differences of presses of one class.
     turnings : tuple of float
-        Other shares of the body's turns that the skin's magnets may follow; each press is taken
-        for one of the skin that explains it best.
+        Other shares of the body's turns that the skin's magnets may follow.
     still_ : float
         Error of a pattern that frames do not average (T).
     covariance_ : CovarianceModel or None
         Of place and turn, from held-out presses.
     usual_, vary_ : float
-        Logarithm of the misfit, over its variance, of presses that are named rightly: its middle,
-        and how far above it comes.
+        Of `usual_misfit`.
     """
 
     def __init__(
@@ -423,7 +370,7 @@ class Recogniser:
 
     def strength(self, presses: Presses) -> Array:
         """Strongest reading of each press over its noise, without any uniform field."""
-        own = presses.pattern - (presses.pattern @ self.basis) @ self.basis.T
+        own = without_field(presses.pattern, self.basis)
         noise = np.sqrt(presses.variance(self.noise, self.still_))
         return np.asarray((np.abs(own) / noise).max(axis=1))
 

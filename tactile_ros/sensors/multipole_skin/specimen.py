@@ -51,25 +51,10 @@ NONE = Flaws(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Specimen:
-    """A skin with flaws.
+    """A skin with flaws of some size; `seed` says which one.
 
-    Parameters
-    ----------
-    config : MultipoleSkinConfig
-        Its drawing.
-    flaws : Flaws
-        How large they are.
-    seed : int
-        Which skin it is.
-
-    Attributes
-    ----------
-    chips : ndarray, shape (t, 3)
-        Hall elements (m).
-    responses : ndarray, shape (t, 3, 3)
-        Field in sensor axes -> reading.
-    sheet : Sheet
-        With the strengths and the place of its bands, even along them.
+    `chips` (t, 3) are Hall elements (m), `responses` (t, 3, 3) field in sensor axes -> reading,
+    and `sheet` has the strengths and the place of its bands, even along them.
     """
 
     def __init__(
@@ -111,21 +96,10 @@ class Specimen:
         return float(self._punch(outline)[1].sum())
 
     def terms(self, outline: Outline, pose: Array, deepest: float = 1e-3) -> Array:
-        """Change of the readings under a head, by powers of its depth.
+        """Change of the readings under a flat head, by powers of its depth.
 
-        Parameters
-        ----------
-        outline : Outline
-            Of the head, flat inside it.
-        pose : ndarray, shape (3,)
-            Place of the outline's origin (m), and its turn (rad).
-        deepest : float
-            Depth up to which the sum holds (m).
-
-        Returns
-        -------
-        ndarray, shape (3, t, 3)
-            T / m, T / m2, T / m3.
+        Shape (3, t, 3) (T / m, T / m2, T / m3); `pose` (3,) is of the outline's origin (m, rad),
+        and the sum holds down to the `deepest` depth (m).
         """
         moved, turned = self.punched.under(*self._punch(outline), pose)
         depths = deepest * POWERS / POWERS[-1]
@@ -189,14 +163,7 @@ def _sheet(config: MultipoleSkinConfig, flaws: Flaws, rng: np.random.Generator) 
 
 
 def snr(change: Array, noise: float) -> Array:
-    """Signal over noise (dB), [1] Eq. (1).
-
-    Parameters
-    ----------
-    change : ndarray, shape (...)
-        Reading in contact less that without it (T).
-    noise : float
-        Standard deviation of a reading without load (T).
+    """Signal over noise (dB), [1] Eq. (1): of changes (...) by contact, noise without load (T).
 
     Examples
     --------

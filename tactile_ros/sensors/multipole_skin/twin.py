@@ -37,23 +37,9 @@ class Pressing:
 
 
 def played(specimen: Specimen, pressing: Pressing, noise: float, seed: int) -> Recording:
-    """Presses one after the other, with rest between them.
+    """Presses of a specimen with rest between them: one stream that begins with a tare.
 
-    Parameters
-    ----------
-    specimen : Specimen
-        That is pressed.
-    pressing : Pressing
-        By what.
-    noise : float
-        Of a channel (T).
-    seed : int
-        Of the noise.
-
-    Returns
-    -------
-    Recording
-        One stream that begins with a tare, with truth: label, yaw, position, force.
+    Truth is label, yaw, position and force; `noise` is of a channel (T), the seed of the noise.
     """
     labels, poses, depths = pressing.labels, pressing.poses, pressing.depths
     heads = [pressing.heads[label] for label in labels.tolist()]
@@ -150,19 +136,8 @@ def one_head(config: MultipoleSkinConfig, seed: int = 0) -> Recording:
 def new_head(config: MultipoleSkinConfig, seed: int = 0, noise: float | None = None) -> Recording:
     """Three heads anywhere; then a new one again and again at one place; then all four.
 
-    Parameters
-    ----------
-    config : MultipoleSkinConfig
-        Of the sensor; of its `objects` three press.
-    seed : int
-        Of presses and noise.
-    noise : float or None
-        Of a channel (T); None: that of the chips.
-
-    Returns
-    -------
-    Recording
-        With truth; the label of the new head follows those of `objects`.
+    The label of the new head follows those of `objects`; `noise` is of a channel (T), None: that
+    of the chips.
     """
     rng = np.random.default_rng([2, seed])
     heads, new = len(config.objects), len(config.objects)
