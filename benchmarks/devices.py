@@ -262,7 +262,7 @@ def _node(
                 wait_for_frames(running, bag)
                 time.sleep(seconds[0])
                 began_ns = time.time_ns()
-                cores, grown = _watch(running.pid('sensor_node'), seconds[1])
+                cores, grown = _watch(running.children['sensor_node'].pid, seconds[1])
                 ended_ns = time.time_ns()
                 time.sleep(ON_ITS_WAY_S)
         stamp_ns = load(bag).recordings[0].recording.stamp_ns

@@ -236,7 +236,7 @@ def measure(
             with suppress(TimeoutError):  # too slow for any command: said by the rows
                 hand.hear()
             time.sleep(WARM_S)
-            pids = [running.pid(graph.name_of(process)) for process in graph.processes]
+            pids = [running.children[graph.name_of(process)].pid for process in graph.processes]
             before = grip_rig.kept_waiting(pids[0])
             begin, spent = time.time_ns(), -sum(map(grip_rig.processor_seconds, pids))
             threads = [int(line) for line in noted.read_text('ascii').split()]

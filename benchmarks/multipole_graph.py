@@ -91,10 +91,10 @@ def _live(folder: Path, path: Path, port: str, seconds: float, stack: bool) -> R
     with Running(graph, {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}) as running:
         wait_for_frames(running, bag)
         time.sleep(WARM_S)
-        before, began_ns = {n: processor_s(running.pid(n)) for n in nodes}, time.time_ns()
+        before, began_ns = {n: processor_s(running.children[n].pid) for n in nodes}, time.time_ns()
         time.sleep(seconds)
         spent, ended_ns = (
-            {n: processor_s(running.pid(n)) - before[n] for n in nodes},
+            {n: processor_s(running.children[n].pid) - before[n] for n in nodes},
             time.time_ns(),
         )
         if not stack:

@@ -85,7 +85,7 @@ def _live(folder: Path, *, stack: bool) -> Road:
     nodes = [p.executable for p in graph.processes if p.executable not in ('player', 'record')]
     with Running(graph, {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}) as running:
         running.wait_for_line('player', 'played', timeout=120.0)
-        spent = sum(processor_s(running.pid(node)) for node in nodes)
+        spent = sum(processor_s(running.children[node].pid) for node in nodes)
     loaded = load(folder / name).recordings[0]
     replayed = replay(loaded, load_sensor(SENSOR).load(folder / 'calibration.npz'))
     recording, live = loaded.recording, loaded.contacts

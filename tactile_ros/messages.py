@@ -1,8 +1,7 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Messages <-> types by attribute: the same code reads objects of rclpy and of rosbags.
+"""Messages <-> types by attribute: the same code reads and fills objects of rclpy and of rosbags.
 
-Readers take any object with the fields of msg/*.msg; writers fill a fresh message that the caller
-made. NaN and -1 (unknown) stay NaN and -1 in contacts; standard messages may say zero instead.
+NaN and -1 (unknown) stay NaN and -1 in contacts; standard messages may say zero instead.
 """
 
 from __future__ import annotations
@@ -88,7 +87,6 @@ def fill_vector(message: Message, xyz: Array) -> None:
 
 
 def _place(message: Message, name: str) -> Message:
-    """Vector inside a message of a state attribute."""
     for part in FIELD_NAMES.get(name, name).split('.'):
         message = getattr(message, part)
     return message
@@ -127,10 +125,7 @@ def read_baseline(message: Message, shape: tuple[int, int]) -> Frame:
 
 
 def read_frame(message: Message, shape: tuple[int, int]) -> Frame:
-    """Frame of a TactileFrame of t taxels and c channels; empty fields are None.
-
-    Raises ValueError if a field's length does not fit the shape.
-    """
+    """Frame of a TactileFrame; ValueError if a field's length does not fit the shape (t, c)."""
     taxels, channels = shape
     values = sized(f'values of a TactileFrame of {shape}', message.values, taxels * channels)
     chips = sized('temperature_c of TactileFrame', message.temperature_c, 0, taxels)
@@ -152,10 +147,7 @@ def fill_layout(
     point: Callable[[], Message],
     quaternion: Callable[[], Message],
 ) -> None:
-    """Write a layout into a fresh TactileLayout, with the classes of its points and rotations.
-
-    Raises ValueError if the rotations are none (a mirrored chip, say).
-    """
+    """Write a layout into a fresh TactileLayout; ValueError if its rotations are none."""
     turns = np.tile([0.0, 0.0, 0.0, 1.0], (len(layout.positions), 1))
     if layout.rotations is not None:
         rotation = Rotation.from_matrix(layout.rotations)
@@ -178,10 +170,7 @@ def fill_layout(
 
 
 def read_layout(message: Message) -> Layout:
-    """Layout of a TactileLayout; rotations are None where every chip is aligned.
-
-    Raises ValueError if lengths do not fit one another or an orientation is no rotation.
-    """
+    """Layout of a TactileLayout; ValueError if lengths do not fit or a turn is no rotation."""
     positions = np.array([vector(p) for p in message.positions], np.float64).reshape(-1, 3)
     turns = np.array([(*vector(q), q.w) for q in message.orientations], np.float64)
     if len(turns) not in (0, len(positions)):
@@ -234,7 +223,6 @@ def fill_contacts(message: Message, state: ContactState, patch: Callable[[], Mes
 
 
 def _patch(state: ContactState, k: int, entry: Message) -> Message:
-    """One patch of a state as a TactileContact."""
     entry.id = int(state.contacts_id[k])
     for name in PATCH_VECTORS:
         fill_vector(_place(entry, name), getattr(state, name)[k])
@@ -269,7 +257,7 @@ def read_contacts(messages: Sequence[Message], taxels: int) -> Columns:
 
     Beside every state attribute, shape (s, ...) (object_pose is not in the message: NaN), there
     are `stamp_ns`, `sequence`, `session`, `repetition` and `label_name`, shape (s,). Raises
-    ValueError if a field's length does not fit; empty fields of `taxels` are unknown.
+    ValueError if a field's length does not fit.
     """
     samples = len(messages)
     patches = max([1, *(sum(p.id >= 0 for p in m.contacts) for m in messages)])
@@ -287,7 +275,6 @@ def read_contacts(messages: Sequence[Message], taxels: int) -> Columns:
 
 
 def _read_contacts(arrays: Columns, row: int, message: Message) -> None:
-    """Write one message into its row of every array."""
     for name in SCALARS:
         arrays[name][row] = getattr(message, name)
     for name in TAXELS:
@@ -315,10 +302,9 @@ def _read_contacts(arrays: Columns, row: int, message: Message) -> None:
 def fill_wrench(message: Message, state: ContactState, unknown_as: UnknownAs = 'zero') -> None:
     """Write force and torque into a WrenchStamped, header apart; unknown is zero or NaN."""
     unknown = 0.0 if unknown_as == 'zero' else np.nan
-    for part, values in (
-        (message.wrench.force, state.force),
-        (message.wrench.torque, state.torque),
-    ):
+    for name in ('force', 'torque'):
+        values = getattr(state, name)
+        part = getattr(message.wrench, name)
         fill_vector(part, np.where(np.isfinite(values), values, unknown))
 
 
@@ -337,8 +323,7 @@ def fill_object_pose(message: Message, state: ContactState) -> bool:
 def fill_surface(message: Message, points: Array, field: Callable[[], Message]) -> None:
     """Write the touched surface, points (t, 3) (m), NaN untouched, into a PointCloud2.
 
-    Coordinates are 32 bits wide, as viewers expect them: 1 nm at 10 mm. The points keep the order
-    of the taxels, those untouched included, so that the cloud is not dense.
+    Coordinates are 32 bits wide, as viewers expect them. The points keep the order of the taxels.
     """
     message.height, message.width = 1, len(points)
     message.fields = [field() for _ in 'xyz']

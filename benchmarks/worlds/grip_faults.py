@@ -210,7 +210,7 @@ def faults(scene: Scene) -> list[Fault]:
     processes = {scene.running.graph.name_of(p): p for p in scene.running.graph.processes}
 
     def kill(name: str) -> Callable[[], None]:
-        return lambda: scene.running.signal(name, signal.SIGKILL)
+        return lambda: scene.running.children[name].send_signal(signal.SIGKILL)
 
     def again(name: str) -> Callable[[], None]:
         return lambda: _restart(scene, name, processes[name])
@@ -308,7 +308,7 @@ def _killed(scene: Scene, phase: GripPhase) -> tuple[list[Row], str]:
     scene.ask(scene.opening, lambda: scene.phase == GripPhase.IDLE and scene.is_open)
     scene.seen = seen = Seen()
     scene.ask(scene.goal, lambda: scene.phase == phase and scene.is_moving)
-    scene.running.signal('grip_node', signal.SIGKILL)
+    scene.running.children['grip_node'].send_signal(signal.SIGKILL)
     scene.spin(WATCHED_S)
     stopped = scene.hand.joints.position
     scene.spin(0.2)

@@ -2,8 +2,8 @@
 """Contact loop of one stream: frames to contacts, with the rules of a tare, without ROS.
 
 A tare takes the mean of the last `tare_frames` usable frames that were processed, all of them
-after the last contact. Frames are counted as they are processed, never by a clock, and the new
-baseline says the first sequence that it holds for: a replay repeats it exactly.
+after the last contact. No clock counts frames, and the new baseline says the first sequence that
+it holds for: a replay repeats it exactly.
 """
 
 from __future__ import annotations
@@ -71,17 +71,10 @@ class LoopStatistics:
 
 
 class TimeCheck:
-    """Count frames whose time or number cannot be, and give them a time that can.
-
-    Attributes
-    ----------
-    counts : dict of str to int
-        Frames since activation, by what is wrong with them.
-    """
+    """Count frames whose time or number cannot be, and give them a time that can."""
 
     def __init__(self) -> None:
-        names = ('stamps replaced', 'stamps backwards', 'sequences repeated')
-        self.counts = dict.fromkeys(names, 0)
+        self.counts = {'stamps replaced': 0, 'stamps backwards': 0, 'sequences repeated': 0}
         self._reported = dict(self.counts)
         self._stamp_ns = self._sequence = -1
 
@@ -112,8 +105,7 @@ class ContactLoop:
     """A pipeline behind a lock, with the frames that a tare would take.
 
     `on_baseline` takes the baseline as a frame whose sequence is the first that it holds for, at
-    the first frame of a stream and after every tare; `on_failure` a sentence about each frame that
-    cannot be estimated.
+    the first frame of a stream and after every tare; `on_failure` a sentence about failed frames.
     """
 
     def __init__(
@@ -124,17 +116,14 @@ class ContactLoop:
         on_baseline: Callable[[Frame], None],
         on_failure: Callable[[str], None] = lambda _: None,
     ) -> None:
-        self.pipeline = pipeline
-        self.tare_in_contact = tare_in_contact
+        self.pipeline, self.tare_in_contact = pipeline, tare_in_contact
         self.statistics = LoopStatistics()
         self._observer: Observer | None = None
         self._on_baseline, self._on_failure = on_baseline, on_failure
         # of each whether something touched
         self._recent: deque[tuple[Frame, bool]] = deque(maxlen=tare_frames)
-        # since activation: a stream that begins anew, or a doubled message, lifts no guard
-        self._tared = False
-        # The service comes from another thread than the frames in the one-process road.
-        self._lock = threading.Lock()
+        self._tared = False  # since activation: a stream that begins anew lifts no guard
+        self._lock = threading.Lock()  # the service may come from another thread than the frames
 
     @property
     def is_touching(self) -> bool:
@@ -147,10 +136,7 @@ class ContactLoop:
             self._recent = deque(self._recent, maxlen=count)
 
     def observe(self, observer: Observer | None) -> None:
-        """Let this take every frame with its state before the next one; None: nobody.
-
-        Once it returns, the observer before takes no frame.
-        """
+        """Let this take every frame with its state; the one before takes none from now on."""
         with self._lock:
             self._observer = observer
 
@@ -166,19 +152,13 @@ class ContactLoop:
         self.statistics = LoopStatistics()
 
     def adopt(self, estimation: Estimation) -> int | None:
-        """Estimate by other estimators of the same sensor from the next frame on.
-
-        Returns the stamp of the last frame that was processed before (ns); None: there was none.
-        """
+        """Go on with other estimators; returns the stamp of the last frame before (ns), if any."""
         with self._lock:
             self.pipeline.estimation = estimation
             return self.statistics.stamp_ns
 
     def process(self, frames: Sequence[Frame]) -> list[ContactState]:
-        """Estimate from the next frames: the same numbers as one by one, and cheaper.
-
-        One that fails is an ERROR state. Raises ValueError if a shape is not the pipeline's.
-        """
+        """Estimate from the next frames, as one by one; one that fails is an ERROR state."""
         pipeline = self.pipeline
         with self._lock:
             failures = pipeline.failures
@@ -237,17 +217,13 @@ class ContactLoop:
                 self._recent[-1] = (self._recent[-1][0], True)
 
     def tare(self) -> tuple[bool, str]:
-        """Take the baseline from the last resting frames.
-
-        Returns whether it was taken, and from how many frames and which sequence on, or why not.
-        """
+        """Take the baseline from the last resting frames: True and which, or False and why not."""
         with self._lock:
             done, message = self._take_baseline()
             self.statistics.tare_state = message if done else f'refused: {message}'
             return done, message
 
     def _take_baseline(self) -> tuple[bool, str]:
-        """Take the baseline, or say why not."""
         counts = self.statistics
         # frames in contact are no rest: not before the first tare, when nobody can tell
         forbidden = not self.tare_in_contact and self._tared
@@ -256,17 +232,16 @@ class ContactLoop:
             if touched and forbidden:
                 break
             frames.insert(0, frame)
+        if not counts.frames:
+            return False, 'tare needs frames and none came yet: is the sensor active?'
         if not frames and self.is_touching and forbidden:
             return False, (
                 'tare is refused while something touches: release it, or set allow_tare_in_contact'
             )
         if not frames:
-            lacking = (
-                'resting frames and none without damage came since the last contact'
-                if counts.frames
-                else 'frames and none came yet: is the sensor active?'
+            return False, (
+                'tare needs resting frames and none without damage came since the last contact'
             )
-            return False, f'tare needs {lacking}'
         spread = np.std([frame.values for frame in frames], axis=0) / self.pipeline.rest_.scale
         moving = np.flatnonzero((spread > 1).any(axis=1))
         if moving.size and not self.tare_in_contact:
@@ -286,14 +261,8 @@ class ContactLoop:
         return True, f'baseline of {len(frames)} frames, from sequence {first} on'
 
     def _announce(self, stamp_ns: int | None, sequence: int) -> None:
-        """Hand over the baseline in use, with the temperatures that it was taken at."""
         chips = self.pipeline.baseline_temperature_c
         measured = chips is not None and np.isfinite(chips).any()
-        baseline = Frame(
-            stamp_ns,
-            sequence,
-            np.array(self.pipeline.baseline),
-            temperature_c=np.array(chips) if measured else None,
-            averaged=self.pipeline.tare_frames,
-        )
-        self._on_baseline(baseline)
+        values, averaged = np.array(self.pipeline.baseline), self.pipeline.tare_frames
+        taken_c = np.array(chips) if measured else None
+        self._on_baseline(Frame(stamp_ns, sequence, values, taken_c, averaged=averaged))

@@ -10,7 +10,6 @@ from typing import TypeVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.subscription import Subscription
-from rclpy.timer import Timer
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -29,6 +28,7 @@ from tactile_ros.types import ContactState, Frame, FrameStatus
 Message = TypeVar('Message')
 LISTENERS_PERIOD_S = 0.02
 MOST_TOGETHER = 64
+LIVE = {'tare_frames', 'allow_tare_in_contact', 'unknown_as'}
 
 
 class ContactNode(ManagedNode):
@@ -36,8 +36,7 @@ class ContactNode(ManagedNode):
 
     Where classes are learned, also `~/enrol` and `~/forget`. `direct`: frames come by `take` from
     the same process. `downstream` takes the full name of `contacts`, and all frames that came
-    together with their states, before they are published; `arguments` are ROS arguments for this
-    node alone.
+    together with their states, before they are published.
     """
 
     def __init__(
@@ -59,30 +58,26 @@ class ContactNode(ManagedNode):
         self._calibration = self.managed_publisher(String, 'calibration')
         self._direct, self._downstream = direct, downstream
         self.topic = self.resolve_topic_name('contacts')
-        self._active = False
         self._pipeline: Pipeline | None = None
         self._times = TimeCheck()
-        self._waiting: Timer | None = None
         self._refusal = self._complaint = self._frame_id = ''
         self._frames_before = 0
-        self._tare = self.create_service(Trigger, '~/tare', self._on_tare)
+        self.create_service(Trigger, '~/tare', self._on_tare)
         if self._spec.pipeline().estimation.learns_classes:
             self._server = EnrolmentServer(self)
 
     def configure(self) -> None:
         """Read the calibration; CalibrationError names what does not fit."""
         self._options = self.options(ContactOptions)
-        config = self.options(type(self._spec.config()))
-        if self._options.calibration:
-            self._pipeline = self._spec.load(self._options.calibration)
-            self._digest = self._pipeline.digest
+        config, path = self.options(type(self._spec.config())), self._options.calibration
+        pipeline = self._spec.load(path) if path else self._spec.pipeline(config)
+        self._pipeline, self._digest = pipeline, pipeline.digest
+        if path:
             if not config.track_baseline:
-                self._pipeline.config = replace(self._pipeline.config, track_baseline=False)
-                self._pipeline.reset()
+                pipeline.config = replace(pipeline.config, track_baseline=False)
+                pipeline.reset()
             return
-        self._pipeline = self._spec.pipeline(config)
-        self._digest = self._pipeline.digest
-        self._pipeline.warm_up()
+        pipeline.warm_up()
         self.get_logger().warning(
             'no calibration was given: contacts say NOT_CALIBRATED and estimate what the nominal '
             'model knows; set the parameter calibration'
@@ -112,11 +107,9 @@ class ContactNode(ManagedNode):
                 Allowed(live.most_lost, live.most_lost_there),
             )
         self._announce()
-        self._active = True
         self.subscribe(TactileLayout, 'layout', self._on_layout)
         if not self._direct:
             self._waiting = self.steady_timer(LISTENERS_PERIOD_S, self._listen)
-            self._listen()
 
     def _announce(self, change: ClassChange | None = None) -> None:
         """Say which calibration is in use, and how it changed."""
@@ -134,21 +127,14 @@ class ContactNode(ManagedNode):
 
     def _listen(self) -> None:
         """Subscribe to frames once everybody hears what comes of them."""
-        if self.is_heard():
-            self._end_waiting()
+        if self.is_ready():
+            self.destroy_timer(self._waiting)
             self._incoming = self.subscribe(TactileFrame, 'frame', self._on_frame)
 
-    def _end_waiting(self) -> None:
-        if self._waiting is not None:
-            self.destroy_timer(self._waiting)
-            self._waiting = None
-
     def deactivate(self) -> None:
-        """Listen no more."""
-        self._active = False
+        """End the enrolment under way."""
         if self._server is not None:
             self._server.close()
-        self._end_waiting()
 
     def destroy_node(self) -> None:
         """End the action with the node."""
@@ -160,9 +146,10 @@ class ContactNode(ManagedNode):
         """Let the calibration go."""
         self._pipeline = self.loop = None
 
-    def is_heard(self) -> bool:
+    def is_ready(self) -> bool:
         """Everybody who must see the first contacts is there."""
-        return self._active and self._contacts.get_subscription_count() >= self._options.listeners
+        count = self._contacts.get_subscription_count()
+        return self.is_active and count >= self._options.listeners
 
     def _on_layout(self, message: TactileLayout) -> None:
         """Refuse frames of a sensor that the calibration is not of."""
@@ -183,7 +170,6 @@ class ContactNode(ManagedNode):
             self._complain(self._refusal)
 
     def _complain(self, sentence: str) -> None:
-        """Say once why something is not processed."""
         if sentence != self._complaint:
             self._complaint = sentence
             self.get_logger().error(sentence)
@@ -201,7 +187,7 @@ class ContactNode(ManagedNode):
 
     def take(self, frames: Sequence[Frame], frame_id: str) -> None:
         """Process the next frames and publish for whoever listens."""
-        if not self._active or not frames:
+        if not self.is_active or not frames:
             return
         if self._refusal:
             self.loop.statistics.refused += len(frames)
@@ -228,14 +214,13 @@ class ContactNode(ManagedNode):
         self._contacts.publish(message)
 
     def _publish_baseline(self, baseline: Frame) -> None:
-        """Publish the baseline in use, latched."""
         message = TactileFrame()
         messages.fill_baseline(message, baseline, self._frame_id)
         self._baseline.publish(message)
 
     def _on_tare(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.message = 'tare needs an active node: activate it first'
-        if self._active:
+        if self.is_active:
             response.success, response.message = self.loop.tare()
         return response
 
@@ -293,14 +278,8 @@ class ContactNode(ManagedNode):
         return level, '; '.join(sentences)
 
 
-LIVE = {'tare_frames', 'allow_tare_in_contact', 'unknown_as'}
-
-
 def drain_queue(subscription: Subscription, kind: type[Message]) -> Iterator[Message]:
-    """Messages that wait behind the one just handed over, so that a node that is late catches up.
-
-    Executors are not told; they find nothing to take then, which they allow for.
-    """
+    """Messages behind the one just handed over; executors allow for finding nothing then."""
     handle = subscription.handle
     with handle:
         for _ in range(MOST_TOGETHER):

@@ -1,9 +1,8 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Enrolment of classes while a stream runs: the work, its action and service, and their client.
 
-A thread of its own judges presses and writes the calibration, so that no frame waits for it. It
-works on the calibration as the file has it; once that is written, the stream goes on with the same
-estimators. A failure before leaves both as they were.
+A thread of its own judges presses and writes the calibration, as the file has it. Once that is
+written, the stream goes on with the same estimators; a failure before leaves both as they were.
 """
 
 from __future__ import annotations
@@ -66,22 +65,16 @@ class EnrolRequest:
         refuse_name(self.label)
 
 
-@dataclass(frozen=True)
-class EnrolResult:
-    """End of an enrolment: the number of its class (-1: none), or why there is none."""
-
-    success: bool
-    message: str
-    index: int = -1
-    cancelled: bool = False
+def refusal(message: str) -> Enrol.Result:
+    """Result without a class, and why there is none."""
+    return Enrol.Result(message=message, index=-1)
 
 
 class Enrolment:
     """Enrolments beside the loop of a stream, one at a time.
 
-    `load` reads the pipeline of the calibration file `path` (empty: there is none), whose SHA-256
-    is `digest`; `on_change` takes a class that came or went, once it holds; a class may cost no
-    more than `allowed`.
+    `load` reads the pipeline of the calibration file `path` (empty: there is none) of SHA-256
+    `digest`; `on_change` takes a class that came or went; one may cost no more than `allowed`.
     """
 
     def __init__(
@@ -94,8 +87,7 @@ class Enrolment:
         allowed: Allowed | None = None,
     ) -> None:
         self._loop, self._path, self._load = loop, path, load
-        self._digest, self._on_change = digest, on_change
-        self._allowed = allowed or Allowed()
+        self._digest, self._on_change, self._allowed = digest, on_change, allowed or Allowed()
         self._thread: threading.Thread | None = None
         self._arrived: queue.SimpleQueue[Press | None] = queue.SimpleQueue()
         self._busy = self._kept = self._closed = False  # kept: too late to withdraw
@@ -116,12 +108,12 @@ class Enrolment:
         self,
         request: EnrolRequest,
         on_press: Callable[[int, str], None],
-        on_end: Callable[[EnrolResult], None],
+        on_end: Callable[[Enrol.Result], None],
     ) -> None:
         """Collect presses from the next rest on, for a request that `check` lets pass.
 
-        In a thread of its own `on_press` takes how many presses there are and a sentence, and
-        `on_end` how it ended.
+        `on_press` takes how many presses there are and a sentence, `on_end` how it ended, both in
+        a thread of its own.
         """
         self._busy, self._withdrawn, self._kept = True, '', False
         arrived = self._arrived = queue.SimpleQueue()
@@ -136,8 +128,7 @@ class Enrolment:
             try:
                 result = self._learn(request, self._collect(request, on_press))
             except Exception as err:  # whoever asked must hear the end
-                said = _sentence(err)
-                result = EnrolResult(False, said, cancelled=said == CANCELLED)
+                result = refusal(_sentence(err))
             self._loop.observe(None)
             with self._state_lock:
                 self._busy = False
@@ -148,7 +139,7 @@ class Enrolment:
         self._thread.start()
 
     def cancel(self, reason: str = CANCELLED) -> bool:
-        """End the enrolment; False where its class is being written, or is already."""
+        """End the enrolment; False where its class is being written, or is."""
         with self._state_lock:
             if not self._busy or self._kept:
                 return False
@@ -174,12 +165,12 @@ class Enrolment:
             try:
                 press = self._arrived.get(timeout=max(0.0, end - time.monotonic()))
             except queue.Empty:
-                said = (
+                msg = (
                     f'{len(presses)} of {request.presses} presses of {request.label!r} came '
                     f'within {request.timeout_s:g} s'
+                    + (f'; the last one was refused: {refused}' if refused else '')
                 )
-                said += f'; the last one was refused: {refused}' if refused else ''
-                raise TactileError(said) from None
+                raise TactileError(msg) from None
             if press is None:
                 raise TactileError(self._withdrawn)
             refused = _fault(trial, press)
@@ -188,7 +179,7 @@ class Enrolment:
             on_press(len(presses), refused or f'press {len(presses)} of {request.presses} taken')
         return presses
 
-    def _learn(self, request: EnrolRequest, presses: list[Press]) -> EnrolResult:
+    def _learn(self, request: EnrolRequest, presses: list[Press]) -> Enrol.Result:
         """Enrol the class into the file, then into the stream."""
         with self._file_lock:
             pipeline = self._read()
@@ -199,10 +190,13 @@ class Enrolment:
             if not self._kept:
                 raise TactileError(self._withdrawn)
             index = pipeline.label_names.index(request.label)
-            ends = [(press.frames[0].stamp_ns, press.frames[-1].stamp_ns) for press in presses]
-            stamps = tuple((first or 0, last or 0) for first, last in ends)
+            stamps = [
+                (press.frames[0].stamp_ns or 0, press.frames[-1].stamp_ns or 0)
+                for press in presses
+            ]
             self._adopt(pipeline, request.label, stamps, request.replace)
-        return EnrolResult(True, f'{said}; label {index}, kept in {self._path}', index)
+        said = f'{said}; label {index}, kept in {self._path}'
+        return Enrol.Result(success=True, message=said, index=index)
 
     def forget(self, label: str) -> tuple[bool, str]:
         """Undo an enrolment in the file and in the stream: True and a sentence, or why not."""
@@ -234,7 +228,6 @@ class Enrolment:
         stamps: Sequence[tuple[int, int]] = (),
         replace: bool = False,
     ) -> None:
-        """Write the file, then let the stream go on with it and announce it."""
         pipeline.save(self._path)
         self._digest = pipeline.digest
         after_ns = self._loop.adopt(pipeline.estimation)
@@ -252,7 +245,6 @@ def _fault(trial: Pipeline, press: Press) -> str:
 
 
 def _sentence(err: Exception) -> str:
-    """Sentence of an error; an unforeseen one also by its kind."""
     foreseen = isinstance(err, (TactileError, ValueError, OSError))
     return str(err) if foreseen else f'{type(err).__name__}: {err}'
 
@@ -287,20 +279,20 @@ class EnrolmentServer:
         goal, enrolment = handle.request, self.enrolment
         end = partial(self._end, handle)
         if enrolment is None:
-            end(EnrolResult(False, f'enrol {INACTIVE}'))
+            end(refusal(f'enrol {INACTIVE}'))
             return
         try:
             request = EnrolRequest(goal.label, goal.presses or 1, goal.timeout, goal.replace)
             enrolment.check()
         except ValueError as err:
-            end(EnrolResult(False, str(err)))
+            end(refusal(str(err)))
             return
         self._current = handle
 
-        def tell(presses: int, message: str) -> None:
+        def on_press(presses: int, message: str) -> None:
             handle.publish_feedback(Enrol.Feedback(presses=presses, message=message))
 
-        enrolment.begin(request, tell, end)
+        enrolment.begin(request, on_press, end)
 
     def _on_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         """End the enrolment, unless its class is being written or is known."""
@@ -308,20 +300,19 @@ class EnrolmentServer:
         ended = current and self.enrolment.cancel()
         return CancelResponse.ACCEPT if ended else CancelResponse.REJECT
 
-    def _end(self, handle: ServerGoalHandle, result: EnrolResult) -> None:
-        """Let the executor answer."""
+    def _end(self, handle: ServerGoalHandle, result: Enrol.Result) -> None:
 
         def answer(_: ServerGoalHandle) -> Enrol.Result:
-            finish = handle.canceled if result.cancelled else handle.abort
+            finish = handle.canceled if result.message == CANCELLED else handle.abort
             (handle.succeed if result.success else finish)()
-            return Enrol.Result(success=result.success, message=result.message, index=result.index)
+            return result
 
         handle.execute(answer)
 
     async def _on_forget(
         self, request: ForgetContact.Request, response: ForgetContact.Response
     ) -> ForgetContact.Response:
-        """Undo an enrolment in a thread of its own, since reading and writing take a while."""
+        """Undo an enrolment in a thread of its own, since it reads and writes."""
         enrolment = self.enrolment
         if enrolment is None:
             response.message = f'forget {INACTIVE}'
@@ -350,29 +341,24 @@ class EnrolmentClient:
         self._executor.shutdown()
         self._node.destroy_node()
 
-    def enrol(self, request: EnrolRequest, hear: Callable[[int, str], None]) -> EnrolResult:
+    def enrol(self, request: EnrolRequest, hear: Callable[[int, str], None]) -> Enrol.Result:
         """Ask for a class and wait for the end; an interrupt cancels it.
 
         `hear` takes the count of presses and a sentence after each. TactileError: nobody answers.
         """
         self.wait_for_enrol()
-        goal = Enrol.Goal(
-            label=request.label,
-            presses=request.presses,
-            timeout=float(request.timeout_s),
-            replace=request.replace,
-        )
+        goal = Enrol.Goal(label=request.label, presses=request.presses, replace=request.replace)
+        goal.timeout = float(request.timeout_s)
         sent = self._action.send_goal_async(
             goal, lambda m: hear(m.feedback.presses, m.feedback.message)
         )
         handle = self._answer(sent, ANSWER_S)
         ended = handle.get_result_async()
         try:
-            result = self._answer(ended, request.timeout_s + ANSWER_S).result
+            return self._answer(ended, request.timeout_s + ANSWER_S).result
         except KeyboardInterrupt:
             self._answer(handle.cancel_goal_async(), ANSWER_S)
-            result = self._answer(ended, ANSWER_S).result
-        return EnrolResult(result.success, result.message, result.index)
+            return self._answer(ended, ANSWER_S).result
 
     def wait_for_enrol(self) -> None:
         """Wait until a node offers to learn; TactileError if none does."""
@@ -401,10 +387,9 @@ class EnrolmentClient:
 
     def _require(self, is_there: bool, service: str) -> None:
         if not is_there:
-            place = self._node.get_namespace()
             msg = (
-                f'no {SERVER} in {place} offers {service}: is it running, of a sensor with '
-                'classes?'
+                f'no {SERVER} in {self._node.get_namespace()} offers {service}: is it running, of '
+                'a sensor with classes?'
             )
             raise TactileError(msg)
 

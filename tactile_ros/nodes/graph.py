@@ -1,8 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Graphs of processes: one description for the launch files, `tactile demo` and the tests.
-
-Plain data, no rclpy. `processes` starts a graph where there is no `ros2 launch`.
-"""
+"""Graphs of processes: one description for the launch files and `tactile`, without rclpy."""
 
 from __future__ import annotations
 
@@ -46,7 +43,7 @@ class Process:
     """One executable of the package.
 
     `parameters` hold for every node of the process that has one of that name, and win over those
-    of `params_file`; `remappings` of topics and services are from -> to.
+    of `params_file`; `remappings` are from -> to.
     """
 
     executable: str
@@ -56,7 +53,6 @@ class Process:
     params_file: str = ''
 
     def __post_init__(self) -> None:
-        """Refuse a namespace that ROS would not take."""
         if not NAMESPACE.fullmatch(self.namespace) or len(self.namespace) > MOST_CHARACTERS:
             msg = (
                 f'namespace must be at most {MOST_CHARACTERS} letters, digits and _ parted by /, '
@@ -75,11 +71,9 @@ class Process:
     def ros_arguments(self) -> list[str]:
         """Command line after --ros-args."""
         space = self.namespace.strip('/')
-        arguments = ['-r', f'__ns:=/{space}'] if space else []
-        for old, new in self.remappings.items():
-            arguments += ['-r', f'{old}:={new}']
-        if self.params_file:
-            arguments += ['--params-file', self.params_file]
+        rules = {**({'__ns': f'/{space}'} if space else {}), **self.remappings}
+        arguments = [word for old, new in rules.items() for word in ('-r', f'{old}:={new}')]
+        arguments += ['--params-file', self.params_file] if self.params_file else []
         for name, value in self.parameters.items():
             arguments += ['-p', f'{name}:={yaml_text(value)}']
         return arguments
@@ -144,12 +138,9 @@ class Everywhere:
 
     def placed(self, process: Process) -> Process:
         """A process with what holds for all."""
-        return replace(
-            process,
-            parameters={**self.chosen('use_sim_time', 'autostart'), **process.parameters},
-            namespace=self.namespace,
-            params_file=self.params_file,
-        )
+        values = {**self.chosen('use_sim_time', 'autostart'), **process.parameters}
+        place = {'namespace': self.namespace, 'params_file': self.params_file}
+        return replace(process, parameters=values, **place)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,13 +201,11 @@ class HandSetup(EverySensor):
     mock_hand: bool = choice(False, "a fake takes the place of the hand's driver")
     fingers: str = choice('', 'sensors that take part, parted by commas; empty: all of the hand')
     ports: str = choice(
-        '',
-        'serial ports in the order of the fingers, with commas; empty: /dev/ttyACM0 and on',
+        '', 'serial ports in the order of the fingers, with commas; empty: /dev/ttyACM0 and on'
     )
     calibrations: str = choice('', 'folder with <finger>.npz; empty: contacts say NOT_CALIBRATED')
     use_robot_description: bool = choice(
-        True,
-        'take limits, and pads whose frame is a link, from robot_description where it comes',
+        True, 'take limits, and pads whose frame is a link, from robot_description where it comes'
     )
     wait_for_robot_description: bool = choice(False, 'send nothing before it has come')
 
@@ -297,15 +286,7 @@ def frame_of(namespace: str, frame_id: str = '', frame_prefix: str = '') -> str:
 
 
 def yaml_text(value: Value) -> str:
-    """A parameter's value as ROS reads it on a command line.
-
-    Examples
-    --------
-    >>> [yaml_text(x) for x in (True, 3, 2.0, 'a b', [1.0, 2.5])]
-    ['true', '3', '2.0', '"a b"', '[1.0, 2.5]']
-    >>> yaml_text(float('inf'))
-    '.inf'
-    """
+    """A parameter's value as ROS reads it on a command line."""
     if isinstance(value, float) and not math.isfinite(value):
         return '.nan' if math.isnan(value) else ('.inf' if value > 0 else '-.inf')
     if isinstance(value, (list, tuple)):
@@ -316,8 +297,7 @@ def yaml_text(value: Value) -> str:
 def sensing(setup: SensorSetup) -> Graph:
     """Sensor and contact, as two processes or as one; with player and recorder where asked.
 
-    Whoever listens is there before the first frame: the recorder starts first, contact_node waits
-    for those who hear it, sensor_node for those who hear it, and the player for all of them.
+    Whoever listens is there before the first frame: each waits for as many as hear it.
     """
     recorded = setup.source == 'recorded'
     if recorded and not load_sensor(setup.sensor).recordings():
@@ -325,25 +305,18 @@ def sensing(setup: SensorSetup) -> Graph:
         raise ValueError(msg)
     recorders = int(bool(setup.bag))
     contact = {**setup.chosen('sensor', 'calibration'), 'listeners': recorders + recorded}
-    sensor = {
-        **setup.chosen('sensor', 'frame_id', 'frame_prefix'),
-        **({'port': setup.place} if setup.place != PORT else {}),
-        'listeners': recorders + recorded + int(not setup.stack),
-    }
+    sensor = setup.chosen('sensor', 'frame_id', 'frame_prefix')
+    sensor.update({'port': setup.place} if setup.place != PORT else {})
+    sensor['listeners'] = recorders + recorded + int(not setup.stack)
     player: dict[str, Value] = {}
     if recorded:
         # A recording has one resting row before a touch, and a hand that is known to be open.
         contact.update(tare_frames=1, allow_tare_in_contact=True)
         sensor.update(temperature_measured=False, discard_stale=False)
-        player = {
-            **setup.chosen('sensor'),
-            'recording': setup.recording,
-            'port': setup.place,
-            'speed_up': float(setup.speed_up),
-            'tare': setup.tare,
-            'loop': setup.loop,
-            'listeners': recorders,
-        }
+        names = ('recording', 'tare', 'loop')
+        player = {**setup.chosen('sensor'), **{name: getattr(setup, name) for name in names}}
+        speed_up = float(setup.speed_up)
+        player.update(port=setup.place, speed_up=speed_up, listeners=recorders)
     if setup.source == 'simulated':
         sensor.update(simulated=True, **setup.chosen('seed', 'fault'))
     processes = [Process('record', {'bag': setup.bag})] if setup.bag else []

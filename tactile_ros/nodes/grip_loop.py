@@ -3,15 +3,15 @@
 
 Time is an argument everywhere: seconds of a clock that never jumps. The law decides closures, the
 hand turns them into joints, the limiter has the last word. New forces of all fingers trigger a
-step, the clock where they fail to come; the time between two steps is that between their stamps.
+step, the clock where they fail to come.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import hypot, inf, isfinite, nan, sqrt
 from operator import mul
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,23 +19,19 @@ from tactile_ros.control import (
     GraspOutcome,
     GraspProgress,
     GraspSequence,
+    GripConfig,
     GripForce,
     GripInput,
     GripPhase,
+    GripStep,
 )
 from tactile_ros.control.finger import ON_SIGMAS
 from tactile_ros.control.grasp_sequence import HOLDING
 from tactile_ros.control.targets import shared
+from tactile_ros.hands import HandDescription
 from tactile_ros.hands.joints import HandJoints, HandWatch, taking_part
-from tactile_ros.types import GripCommand
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from tactile_ros.control import GripConfig, GripStep
-    from tactile_ros.hands import HandDescription
-    from tactile_ros.hands.kinematics import RobotDescription
-    from tactile_ros.types import Array
+from tactile_ros.hands.kinematics import RobotDescription
+from tactile_ros.types import Array, GripCommand
 
 EMPTY = (GraspOutcome.SLIPPED, GraspOutcome.NO_OBJECT)
 HELD_SIGMAS = 5.0  # of noise, that a finger reads at rest where it holds something
@@ -54,11 +50,10 @@ STEP_S = 0.05  # change between wall and monotonic clock from one message to the
 
 @dataclass(frozen=True)
 class Decision:
-    """One step: the law's, the command that is sent (None: nothing), and why what was not.
+    """One step of the law, with the command that is sent (None: nothing).
 
-    `limited`: the law or the limiter changed the command. `refusal`: why its own was not sent.
-    `ended`: the grasp that ended in this step. `lost`: why what was held after its grasp is held
-    no more, in the step that finds it. Both texts are empty otherwise.
+    `limited`: the law or the limiter changed it; `refusal`: why the law's own was not sent; `ended`:
+    the grasp that ended; `lost`: why what was held after its grasp is held no more.
     """
 
     made: GripStep
@@ -70,10 +65,10 @@ class Decision:
 
 
 class GripLoop:
-    """Control loop of a hand, one step at a time; ValueError where sensors or rate do not fit it.
+    """Control loop of a hand; ValueError where sensors or rate do not fit it.
 
-    `fingers` are the sensors that take part, of those that the hand carries (empty: all). Where a
-    finger's frame is a link of `robot`, its pad moves along its normal.
+    `fingers` are the sensors that take part (empty: all). Where a finger's frame is a link of
+    `robot`, its pad moves along its normal.
     """
 
     def __init__(
@@ -138,8 +133,8 @@ class GripLoop:
     ) -> None:
         """Keep the force (3,) on a finger at a time (s), in its sensor frame (N).
 
-        Its normal is that of the contact, unit or not; None is z of the pad, and so is NaN, which
-        is not measured. `covariance` has the three rows of the force's; empty: not stated.
+        `normal` of the contact, unit or not; None and NaN: z of the pad. `covariance` (9,) of the
+        force (N^2); empty or NaN: not stated.
         """
         x, y, z = force
         n = normal if normal is not None else (0.0, 0.0, 1.0)
@@ -154,17 +149,15 @@ class GripLoop:
         if len(covariance):
             rows = [covariance[3 * i : 3 * i + 3] for i in range(3)]
             variance = sum(a * sum(map(mul, row, n)) for a, row in zip(n, rows, strict=True))
-        self._sigma[finger] = sqrt(variance) if variance > 0.0 else nan
+        self._sigma[finger] = sqrt(variance) if 0.0 < variance < inf else nan
         self._touched_s[finger], self._new[finger] = measured_s, True
 
     def take_tare(self, finger: int, stamp_ns: int) -> None:
-        """Take in that a finger was tared at a stamp (ns); before the hold it may be."""
+        """Tell the law that a finger was tared at a stamp (ns), if that was during the hold."""
         if stamp_ns > self._held_ns:
             self.law.tare(finger)
 
-    def take_joints(
-        self, position: Array, measured_s: float, effort: Array | None = None
-    ) -> None:
+    def take_joints(self, position: Array, measured_s: float, effort: Array | None = None) -> None:
         """Keep joint positions, and efforts where they are told (j,), of a time (s)."""
         before = self._measured
         self._measured, self._measured_s, self._effort = position, measured_s, effort
@@ -205,7 +198,7 @@ class GripLoop:
     ) -> None:
         """Close until something is held; a target of 0 N opens. ValueError: it cannot be.
 
-        `forces` (N) are of `fingers`, or of all where that is empty, instead of one target.
+        `forces` (N) are of `fingers` (empty: of all), instead of one target.
         """
         targets = self.admit(target_force, fingers, timeout, forces)
         held = self.law.holds or self._is_holding()
@@ -290,11 +283,10 @@ class GripLoop:
     def step(
         self, now_s: float, stamp_ns: int, blocked: str = '', since: float | None = None
     ) -> Decision:
-        """One control step at a time (s) of a clock that never jumps.
+        """One control step at a time (s); a command carries `stamp_ns`.
 
-        `stamp_ns` is what a command carries; `blocked` says why nothing may be sent whatever the
-        law says (empty: nothing is in the way); `since` is the time since the last step (s; None:
-        by `now_s`).
+        `blocked`: why nothing may be sent whatever the law says, or empty; `since`: the time since
+        the last step (s; None: by `now_s`).
         """
         dt = self._within(now_s - self._stepped_s if since is None else since)
         # of the frames that a queue kept back many are stepped through at once: joints are not
@@ -322,7 +314,6 @@ class GripLoop:
         return Decision(made, command, limited, refusal or made.warning, ended, lost)
 
     def _within(self, since: float) -> float:
-        """A time since the last step (s), between a tenth of and a few periods."""
         period = 1.0 / self.config.rate_hz
         most = MOST_PERIODS * period if isfinite(since) else period
         return min(max(since, 0.1 * period), most)
@@ -336,7 +327,6 @@ class GripLoop:
         )
 
     def _given(self, now_s: float, blocked: str, lead: Array) -> GripInput:
-        """Input of the law."""
         new, self._new = self._new, [False] * len(self._new)
         moved, self._has_moved = self._has_moved, False  # old joints tell no force
         return GripInput(
@@ -351,9 +341,7 @@ class GripLoop:
             blocked=blocked,
             sigma=np.array(self._sigma),
             framed=np.array(self._framed),
-            pressed=self._joints.pressed(
-                lead if moved else np.full(len(lead), nan), self._effort
-            ),
+            pressed=self._joints.pressed(lead if moved else np.full(len(lead), nan), self._effort),
         )
 
     def _hindered(self, now_s: float, elapsed: float) -> str:
@@ -372,17 +360,10 @@ class GripLoop:
         return frozen or self._limiter.refusal(self._measured, elapsed)
 
     def _is_silent(self, now_s: float) -> bool:
-        """Joint states are missed: the law says so."""
         return now_s - self._measured_s > self.config.stale_age
 
     def _command(
-        self,
-        made: GripStep,
-        lead: Array,
-        dt: float,
-        elapsed: float,
-        now_s: float,
-        stamp_ns: int,
+        self, made: GripStep, lead: Array, dt: float, elapsed: float, now_s: float, stamp_ns: int
     ) -> tuple[GripCommand, bool]:
         """Joints of the law's closures, and whether the limiter changed them."""
         forces = [0.0] * len(self._closure)
@@ -425,7 +406,6 @@ class GripLoop:
         return None, lost
 
     def _progress(self, made: GripStep, dt: float) -> GraspProgress | None:
-        """The end of the grasp, where this step ended it; the hand opens where nothing is held."""
         progress = self._sequence.step(made, dt)
         if progress.outcome is None:
             return None
@@ -446,29 +426,8 @@ class GripLoop:
 class StepTrigger:
     """Trigger of control steps by the forces of the fingers, else by the clock.
 
-    Parameters
-    ----------
-    period_s, silence_s : float
-        Of commands; a finger that has been silent for longer is not waited for (s).
-    fingers : int
-        Count f.
-
-    Attributes
-    ----------
-    newest_ns : int or None
-        Newest stamp of what came since the last step (ns); None: there is none.
-
-    Examples
-    --------
-    >>> trigger = StepTrigger(0.01, 0.015, 2)
-    >>> for finger in (0, 1):
-    ...     _ = trigger.take(finger, None, 5.000)
-    >>> trigger.step(5.000)
-    0.01
-    >>> trigger.take(0, None, 5.010), trigger.take(1, None, 5.011)  # when both are there
-    (False, True)
-    >>> trigger.is_late(5.014), trigger.is_late(5.016)
-    (False, True)
+    A finger that has been silent for `silence_s` is not waited for. `newest_ns`: newest stamp of
+    what came since the last step, if any.
     """
 
     def __init__(self, period_s: float, silence_s: float, fingers: int) -> None:
@@ -482,10 +441,7 @@ class StepTrigger:
         self._due_ns = 0
 
     def take(self, finger: int, stamp_ns: int | None, now_s: float) -> bool:
-        """Note what came from a finger at `now_s`, and say whether a step is due.
-
-        Its stamp (ns) is None where it is of another clock.
-        """
+        """Note what came from a finger, with its stamp if it is of this clock; True: step now."""
         self._came_s[finger], self._new[finger] = now_s, True
         newest = self.newest_ns
         if stamp_ns is not None and (newest is None or stamp_ns > newest):
@@ -528,26 +484,10 @@ class StepTrigger:
 class StampAge:
     """Ages of one stream, from its stamps where clocks agree and from its arrival otherwise.
 
-    Clocks agree once a message comes with a stamp of the last second. From then on its stamps are
-    believed, however old they say that it is: a queue that keeps messages back makes them stale. A
-    stamp in the future or before the last one, or a wall clock that jumps, asks anew.
-
-    Attributes
-    ----------
-    agrees : bool
-        Whether the last message was dated by its stamp.
-    back_s : float
-        By how much its clock stepped back, while that makes its messages old (s); else 0.
-
-    Examples
-    --------
-    >>> ages = StampAge()
-    >>> ages.measured_s(10_000_000_000, 10_020_000_000, 5.0)  # a stamp of 20 ms ago
-    4.98
-    >>> ages.measured_s(10_010_000_000, 13_020_000_000, 8.0)  # believed: kept back for long
-    4.99
-    >>> StampAge().measured_s(0, 10_030_000_000, 5.01)  # of another clock
-    5.01
+    Clocks agree once a message comes with a stamp of the last second; from then on its stamps are
+    believed, however old: a queue that keeps messages back makes them stale. A stamp in the future
+    or before the last one, or a wall clock that jumps, asks anew. `back_s`: by how much its clock
+    stepped back, while that makes its messages old (s).
     """
 
     def __init__(self) -> None:
@@ -557,10 +497,7 @@ class StampAge:
         self._last_ns = 0
 
     def measured_s(self, stamp_ns: int, now_ns: int, now_s: float) -> float:
-        """Time (s) of the measurement on the clock that never jumps, never in the future.
-
-        Stamp of the message (0: it has none) and time of the clock of stamps (ns); time (s) now.
-        """
+        """Time (s) of the measurement on the clock that never jumps, never in the future."""
         delay = 1e-9 * (now_ns - stamp_ns)
         ahead = 1e-9 * now_ns - now_s
         jumped = abs(ahead - self._ahead_s) > STEP_S

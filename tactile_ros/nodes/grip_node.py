@@ -5,55 +5,40 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
-from math import isfinite
+from math import inf, isfinite, nan
 from operator import mul
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import GetParameters
-from rclpy.qos import ReliabilityPolicy
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tactile_ros import messages
+from tactile_ros.action import Grasp
 from tactile_ros.control import GraspOutcome, GripConfig, GripPhase
-from tactile_ros.hands import load_hand
+from tactile_ros.hands import HandDescription, drivers, load_hand
 from tactile_ros.hands.description import narrowed
-from tactile_ros.hands.drivers import (
-    JOINT_STATE,
-    NUMBERS,
-    TRAJECTORY,
-    in_order,
-    read_efforts,
-    read_joint_states,
-)
+from tactile_ros.hands.drivers import JOINT_STATE, NUMBERS, TRAJECTORY, Topic
 from tactile_ros.hands.kinematics import RobotDescription
 from tactile_ros.messages import packed, stamp_ns, vector
 from tactile_ros.msg import GripState, TactileContacts, TactileFrame
-from tactile_ros.nodes.grasp_server import GraspServer
-from tactile_ros.nodes.grip_loop import LATE, GripLoop, StampAge, StepTrigger
+from tactile_ros.nodes.grip_loop import LATE, Decision, GripLoop, StampAge, StepTrigger
 from tactile_ros.nodes.lifecycle import ManagedNode, diagnostic, qos
 from tactile_ros.nodes.parameters import GripOptions
-from tactile_ros.types import FrameStatus, GripCommand
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from rclpy.publisher import Publisher
-    from rclpy.qos import QoSProfile
-    from rclpy.timer import Timer
-
-    from tactile_ros.action import Grasp
-    from tactile_ros.hands import HandDescription
-    from tactile_ros.hands.drivers import Topic
-    from tactile_ros.nodes.grip_loop import Decision
-    from tactile_ros.nodes.lifecycle import ManagedNode
-    from tactile_ros.types import Array, ContactState, Frame, Integers
+from tactile_ros.types import Array, ContactState, Frame, FrameStatus, GripCommand, Integers
 
 ASK_PERIOD_S, PATIENCE = 0.5, 10  # periods in which a controller may answer
 STALE = int(FrameStatus.STALE)
@@ -64,6 +49,8 @@ LAGS = (
 WATCH_S = 1e-2  # how often the clock is looked at, at most
 TINY = 1e-9  # N
 STATES = 10  # joint states that may wait
+LAST_TURNS = 5
+FEEDBACK_S = 0.02  # the least between two
 MESSAGES = {JOINT_STATE: JointState, NUMBERS: Float64MultiArray, TRAJECTORY: JointTrajectory}
 
 
@@ -85,7 +72,7 @@ class Touch(NamedTuple):
     """Contacts of a finger in one frame, in its sensor frame.
 
     `normal` (3,) is that of the contact, NaN where none is measured, None where nothing is
-    touched; `covariance` (9,) that of the force (N^2), empty where it is not stated.
+    touched; `covariance` (9,) that of the force (N^2).
     """
 
     force: Sequence[float]
@@ -107,11 +94,6 @@ def normal_of(contacts: Sequence[tuple[Sequence[float], Sequence[float]]]) -> li
     return total
 
 
-def stated(covariance: Sequence[float]) -> Sequence[float]:
-    """Covariance (9,) of a force; empty where it is not stated."""
-    return covariance if all(map(isfinite, covariance)) else ()
-
-
 class HandLink:
     """Publishers and subscriptions of one hand while grip_node is active.
 
@@ -128,39 +110,39 @@ class HandLink:
         learn: Callable[[RobotDescription], bool] | None = None,
         wait: bool = False,
     ) -> None:
-        self._node, self._hand, self._take = node, hand, take
-        self._learn = learn
+        self._driver = driver = hand.driver
+        self._node, self._take, self._learn = node, take, learn
+        self._held = ExitStack()
         self._order: Integers | None = None
         self._described = learn is None
         self._misfit = ''
-        self._why_no_description = f'{hand.driver.description} has not come' if wait else ''
-        self._why_no_order = f'{hand.driver.controller} does not tell the order of its joints yet'
-        driver = hand.driver
+        self._why_no_description = f'{driver.description} has not come' if wait else ''
+        self._why_no_order = f'{driver.controller} does not tell the order of its joints yet'
         # one message for all commands: a fresh one costs as much as the law
         self._publishers: list[tuple[Publisher, Topic, object]] = [
             (node.create_publisher(MESSAGES[t.kind], t.name, qos(depth=3)), t, blank(t.kind))
             for t in driver.topics
         ]
-        self._heard = [
-            node.create_subscription(JointState, driver.states, self._on_states, sensed())
-        ]
+        for publisher, _, _ in self._publishers:
+            self._held.callback(node.destroy_publisher, publisher)
+        self._listen(JointState, driver.states, self._on_states, sensed())
         if learn is not None:
             latched = qos('robot_description')
-            self._heard.append(
-                node.create_subscription(String, driver.description, self._on_description, latched)
-            )
+            self._listen(String, driver.description, self._on_description, latched)
         self._client = self._timer = self._asked = None
         self._waited, self._activity = 0, ''
         if driver.controller:
             name = f'{driver.controller}/get_parameters'
             self._client = node.create_client(GetParameters, name)
-            self._timer = node.steady_timer(ASK_PERIOD_S, self._ask)
-            self._ask()
-            self._heard.append(
-                node.create_subscription(DiagnosticArray, '/diagnostics', self._on_activity, 10)
-            )
+            self._timer = node.steady_timer(ASK_PERIOD_S, self._request_order)
+            self._request_order()
+            self._listen(DiagnosticArray, '/diagnostics', self._on_activity, 10)
         else:
             self._order = np.arange(len(driver.joints))
+
+    def _listen(self, kind: type, topic: str, hear: Callable, profile: QoSProfile | int) -> None:
+        made = self._node.create_subscription(kind, topic, hear, profile)
+        self._held.callback(self._node.destroy_subscription, made)
 
     @property
     def blocked(self) -> str:
@@ -171,7 +153,7 @@ class HandLink:
     @property
     def refusal(self) -> str:
         """Reason against every grasp: another hand, or none that listens; empty: there is none."""
-        driver = self._hand.driver
+        driver = self._driver
         if self._misfit or self._activity not in ('', 'active'):
             return self._misfit or f'{driver.controller} is {self._activity}: {driver.remedy}'
         silent = [t.name for out, t, _ in self._publishers if not out.get_subscription_count()]
@@ -188,14 +170,10 @@ class HandLink:
 
     def close(self) -> None:
         """Remove all; nothing can be sent any more."""
-        for publisher, _, _ in self._publishers:
-            self._node.destroy_publisher(publisher)
-        for subscription in self._heard:
-            self._node.destroy_subscription(subscription)
-        self._end_asking()
+        self._held.close()
+        self._end_requests()
 
-    def _end_asking(self) -> None:
-        """The order is known, or no longer wanted."""
+    def _end_requests(self) -> None:
         if self._timer is not None:
             self._node.destroy_timer(self._timer)
             self._node.destroy_client(self._client)
@@ -204,12 +182,12 @@ class HandLink:
     def _on_states(self, message: JointState) -> None:
         """Hand a posture on; what is damaged is told and counts as silence."""
         try:
-            position = read_joint_states(message, self._hand.driver.joints)
+            position = drivers.read_joint_states(message, self._driver.joints)
         except ValueError as err:
             self._node.get_logger().error(str(err), throttle_duration_sec=1.0)
             return
         if position is not None:
-            effort = read_efforts(message, self._hand.driver.joints)
+            effort = drivers.read_efforts(message, self._driver.joints)
             self._take(position, effort, stamp_ns(message.header))
 
     def _on_description(self, message: String) -> None:
@@ -225,14 +203,12 @@ class HandLink:
             self._misfit = self._why_no_description = ''
 
     def _on_activity(self, message: DiagnosticArray) -> None:
-        """Note the state in which ros2_control says that the controller is."""
-        name = self._hand.driver.controller.rsplit('/', 1)[-1]
+        name = self._driver.controller.rsplit('/', 1)[-1]
         for pair in (pair for status in message.status for pair in status.values):
             if pair.key.removesuffix('.state') == name:
                 self._activity = pair.value
 
-    def _ask(self) -> None:
-        """Ask the controller for the order of its joints."""
+    def _request_order(self) -> None:
         if self._client is None or not self._client.service_is_ready():
             return
         if self._asked is not None:  # a controller that hangs is asked once at a time
@@ -252,17 +228,16 @@ class HandLink:
         if answer is None or not answer.values:
             return
         names = tuple(answer.values[0].string_array_value)
-        joints = self._hand.driver.joints
+        joints = self._driver.joints
         if len(names) != len(joints) or set(names) != set(joints):
             self._why_no_order = (
-                f'the parameter joints of {self._hand.driver.controller} must name the '
-                f'{len(joints)} joints of this hand; received '
-                f'{", ".join(names)[:120] or "nothing"}'
+                f'the parameter joints of {self._driver.controller} must name the {len(joints)} '
+                f'joints of this hand; received {", ".join(names)[:120] or "nothing"}'
             )
             self._node.get_logger().error(self._why_no_order, throttle_duration_sec=1.0)
             return
-        self._order = in_order(joints, names)
-        self._end_asking()
+        self._order = drivers.in_order(joints, names)
+        self._end_requests()
 
 
 class GripDiagnostics:
@@ -312,6 +287,115 @@ class GripDiagnostics:
         return diagnostic('grip', sentence, values, level, hand)
 
 
+class GraspServer:
+    """Serve grasps; all but `note` runs in the thread of the executor.
+
+    `refuse` says why a goal cannot be (empty: it can); `begin` takes an accepted goal, which a
+    ValueError ends at once; `cancel` is called when the client cancels.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        refuse: Callable[[Grasp.Goal], str],
+        begin: Callable[[Grasp.Goal], None],
+        cancel: Callable[[], None],
+    ) -> None:
+        self._node = node
+        self._refuse, self._begin, self._cancel = refuse, begin, cancel
+        self._handle: ServerGoalHandle | None = None
+        self._ends: dict[bytes, tuple[str, Grasp.Result]] = {}
+        self._force: list[float] = []
+        self._newest: Decision | None = None
+        self._last: Decision | None = None
+        self._fed_s = -inf
+        self._server = ActionServer(
+            node, Grasp, '~/grasp',
+            execute_callback=self._execute,
+            goal_callback=self._on_goal,
+            handle_accepted_callback=self._on_accepted,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )  # fmt: skip
+
+    @property
+    def is_busy(self) -> bool:
+        """A grasp is under way."""
+        return self._handle is not None
+
+    def close(self) -> None:
+        """End a grasp that is under way, then the action."""
+        self.finish(GraspOutcome.FAULT, 'grip_node ended')
+        executor = self._node.executor
+        for _ in range(LAST_TURNS if executor is not None else 0):
+            if self._ends:  # a client still waits for its result
+                executor.spin_once(timeout_sec=0.0)
+        self._server.destroy()
+
+    def _on_goal(self, goal: Grasp.Goal) -> GoalResponse:
+        reason = self._refuse(goal)
+        if reason:
+            self._node.get_logger().error(f'grasp refused: {reason}')
+        return GoalResponse.REJECT if reason else GoalResponse.ACCEPT
+
+    def _on_accepted(self, handle: ServerGoalHandle) -> None:
+        """Take the place of the grasp before."""
+        self.finish(GraspOutcome.FAULT, 'a newer grasp took its place')
+        self._handle = handle
+        self._force, self._fed_s = [], -inf
+        try:
+            self._begin(handle.request)
+        except ValueError as err:
+            self.finish(GraspOutcome.FAULT, str(err))
+
+    def _execute(self, handle: ServerGoalHandle) -> Grasp.Result:
+        state, result = self._ends.pop(bytes(handle.goal_id.uuid))
+        getattr(handle, state)()
+        return result
+
+    def forget(self) -> None:
+        """Drop decisions, which belong to the grasp before."""
+        self._newest = self._last = None
+
+    def note(self, decision: Decision) -> None:
+        """Keep what a step decided, from whatever thread; the end of a grasp stays."""
+        self._newest = decision
+        if decision.ended is not None:
+            self._last = decision
+
+    def publish_progress(self) -> None:
+        """Tell the client how it goes, and the end."""
+        decision, self._newest = self._last or self._newest, None
+        now_s = time.monotonic()
+        if self._handle is None or decision is None:
+            return
+        made = decision.made
+        self._force = made.force.tolist()
+        if decision.ended is not None:
+            self.finish(decision.ended.outcome, decision.ended.message)
+        elif self._handle.is_cancel_requested:
+            self._cancel()
+            self.finish(GraspOutcome.FAULT, 'cancelled', 'canceled')
+        elif now_s - self._fed_s >= FEEDBACK_S:
+            self._fed_s = now_s
+            margins = [x for x in made.slip_margin.tolist() if isfinite(x)]
+            feedback = Grasp.Feedback(phase=int(made.phase), force=self._force)
+            feedback.slip_margin = min(margins, default=nan)
+            self._handle.publish_feedback(feedback)
+
+    def finish(self, outcome: GraspOutcome, message: str, state: str = '') -> None:
+        """End the grasp that is under way, if there is one."""
+        handle, self._handle = self._handle, None
+        if handle is None:
+            return
+        closes = handle.request.target_force or handle.request.forces
+        wanted = GraspOutcome.HELD if closes else GraspOutcome.NO_OBJECT
+        ending = state or ('succeed' if outcome == wanted else 'abort')
+        result = Grasp.Result(outcome=int(outcome), message=message, force=self._force)
+        self._ends[bytes(handle.goal_id.uuid)] = ending, result
+        # only now: executors ask a coroutine that waits again and again, at the price of a core
+        handle.execute()
+
+
 class GripNode(ManagedNode):
     """Publish the hand's command and `~/state`; serve `~/grasp` and `~/enable`.
 
@@ -329,23 +413,14 @@ class GripNode(ManagedNode):
         self._hand = load_hand(self.get_parameter('hand').value)
         self.declare(self._hand.driver, self._hand.grip())
         self._states = self.managed_publisher(GripState, '~/state', 10)
-        self._enable = self.create_service(SetBool, '~/enable', self._on_enable)
+        self.create_service(SetBool, '~/enable', self._on_enable)
         self._grasps = GraspServer(self, self._why_not, self._begin, self._cancel)
         self._options = GripOptions()
         self._config = GripConfig()
         self._described: HandDescription = self._hand
-        self._ticking: Timer | None = None
         self._enabled = False
         # Contacts of the same process come in the threads that read the sensors.
         self._lock = threading.RLock()
-        self._forget()
-
-    def _forget(self) -> None:
-        """Nothing has come, and nothing was done."""
-        self._diagnosed = GripDiagnostics()
-        self._sequences: dict[str, int] = {}
-        self._ages: dict[str, StampAge] = {}
-        self._joint_age = StampAge()
 
     def configure(self) -> None:
         """Check the parameters against each other and the hand."""
@@ -360,7 +435,10 @@ class GripNode(ManagedNode):
     def activate(self) -> None:
         """Listen to the fingers and the hand, and begin to step."""
         self._enabled = self._options.enabled
-        self._forget()
+        self._diagnosed = GripDiagnostics()
+        self._sequences: dict[str, int] = {}
+        self._ages: dict[str, StampAge] = {}
+        self._joint_age = StampAge()
         self._next = GripLoop(self._described, self._config, self._options.fingers)
         self._loop = None
         self._renew()
@@ -377,7 +455,7 @@ class GripNode(ManagedNode):
         for topic in self._fingers:
             baseline = f'{topic.removesuffix("contacts")}baseline'
             self.subscribe(TactileFrame, baseline, partial(self._on_tare, topic), 1)
-        self._ticking = self.steady_timer(max(0.5 * period, WATCH_S), self._on_tick)
+        self.steady_timer(max(0.5 * period, WATCH_S), self._on_tick)
 
     def topic_of(self, finger: str) -> str:
         """Full name of the topic of a finger's contacts, after remapping."""
@@ -405,19 +483,14 @@ class GripNode(ManagedNode):
             self._loop, self._next = self._next, None
             if self._enabled:
                 self._loop.enable()
-        self._grasps.tell()  # how it ended, where that is not told yet
+        self._grasps.publish_progress()  # how it ended, where that is not told yet
         self._grasps.finish(GraspOutcome.FAULT, 'the grip began anew with its robot_description')
 
     def deactivate(self) -> None:
         """Send nothing more: the last command is a posture, which holds."""
         with self._lock:
-            if self._ticking is not None:
-                self.destroy_timer(self._ticking)
-                self._ticking = None
-            if self._link is not None:
-                self._link.close()
-                self._link = None
-            self._enabled = False
+            self._link.close()
+            self._link, self._enabled = None, False
         self._grasps.finish(GraspOutcome.FAULT, 'grip_node was deactivated')
 
     def cleanup(self) -> None:
@@ -435,20 +508,19 @@ class GripNode(ManagedNode):
         return [] if self._loop is None else self._loop.missing
 
     def _on_contacts(self, topic: str, message: TactileContacts) -> None:
-        """Contacts from a topic."""
         touch = Touch(
             vector(message.wrench.force),
             bool(message.valid and not message.status & STALE),
             message.slip,
             normal_of([(vector(c.normal), vector(c.force)) for c in message.contacts]),
-            stated([message.wrench_covariance[6 * i + j] for i in range(3) for j in range(3)]),
+            [message.wrench_covariance[6 * i + j] for i in range(3) for j in range(3)],
         )
         self._take(topic, touch, message.sequence, messages.stamp_ns(message.header))
 
     def _on_tare(self, topic: str, baseline: TactileFrame) -> None:
         """Take in a new baseline of the sensor of a topic of contacts; older ones do not come."""
         with self._lock:
-            for finger in self._fingers.get(topic, ()) if self._ticking is not None else ():
+            for finger in self._fingers.get(topic, ()) if self.is_active else ():
                 self._loop.take_tare(finger, stamp_ns(baseline.header))
 
     def take_states(
@@ -464,7 +536,7 @@ class GripNode(ManagedNode):
             bool(state.valid) and not int(state.status) & STALE,
             1 if any(one.slip == 1 for one in states) else int(state.slip),
             normal_of([(one.normal.tolist(), one.force.tolist()) for one in state.contacts]),
-            stated(np.ravel(state.force_cov).tolist()),
+            np.ravel(state.force_cov).tolist(),
         )
         self._take(topic, touch, frame.sequence, frame.stamp_ns or 0)
 
@@ -472,7 +544,7 @@ class GripNode(ManagedNode):
         """Take in a force, and step where it is the last that was waited for."""
         with self._lock:
             # the same frame once more is no news: it grows stale
-            if self._ticking is None or sequence == self._sequences.get(topic):
+            if not self.is_active or sequence == self._sequences.get(topic):
                 return
             self._sequences[topic] = sequence
             now_s, now_ns = time.monotonic(), self.now_ns()
@@ -489,7 +561,6 @@ class GripNode(ManagedNode):
                 self._step(now_s, now_ns)
 
     def _on_joints(self, position: Array, effort: Array | None, stamp_ns: int) -> None:
-        """Keep the posture of the hand."""
         with self._lock:
             if self._loop is not None:
                 now_s = time.monotonic()
@@ -500,13 +571,12 @@ class GripNode(ManagedNode):
         """Step where forces fail to, and tell clients how their grasp goes."""
         with self._lock:
             now_s = time.monotonic()
-            if self._ticking is not None and self._trigger.is_late(now_s):
+            if self.is_active and self._trigger.is_late(now_s):
                 self._step(now_s, self.now_ns())
         self._renew()
-        self._grasps.tell()
+        self._grasps.publish_progress()
 
     def _step(self, now_s: float, now_ns: int) -> None:
-        """One control step."""
         answered_ns = self._trigger.newest_ns or now_ns
         since = self._trigger.step(now_s)
         decision = self._dated(self._loop.step(now_s, answered_ns, self._link.blocked, since))
@@ -534,7 +604,6 @@ class GripNode(ManagedNode):
         return replace(decision, refusal=refusal, ended=ended)
 
     def _publish(self, decision: Decision, now_ns: int) -> None:
-        """Publish a decision as GripState."""
         made = decision.made
         message = GripState(phase=int(made.phase), fingers=self._loop.fingers)
         messages.fill_header(message.header, now_ns, '')
@@ -547,7 +616,7 @@ class GripNode(ManagedNode):
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         """Let commands out, or no more; the hand keeps its last posture."""
-        if self._ticking is None:
+        if not self.is_active:
             response.message = 'grip_node is not active: activate it first'
             return response
         response.success = True
@@ -562,8 +631,8 @@ class GripNode(ManagedNode):
 
     def _why_not(self, goal: Grasp.Goal) -> str:
         """Reason against a grasp; empty: there is none."""
-        if self._ticking is None or not self._enabled:
-            return 'grip_node is not active' if self._ticking is None else 'the grip is disabled'
+        if not (self.is_active and self._enabled):
+            return 'the grip is disabled' if self.is_active else 'grip_node is not active'
         try:
             self._loop.admit(goal.target_force, goal.fingers, goal.timeout, goal.forces)
         except ValueError as err:
@@ -571,7 +640,6 @@ class GripNode(ManagedNode):
         return self._link.refusal
 
     def _begin(self, goal: Grasp.Goal) -> None:
-        """Begin a grasp, or open."""
         with self._lock:
             self._grasps.forget()
             self._loop.grasp(
@@ -579,7 +647,6 @@ class GripNode(ManagedNode):
             )
 
     def _cancel(self) -> None:
-        """The client waits no more."""
         with self._lock:
             self._loop.cancel()
 

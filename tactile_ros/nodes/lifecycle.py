@@ -9,7 +9,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from typing import NoReturn, TypeVar
 
 import rclpy
@@ -62,9 +62,9 @@ def qos(topic: str = '', depth: int = 1000) -> QoSProfile:
 class ManagedNode(LifecycleNode):
     """Lifecycle node with declared, validated parameters and diagnostics at 1 Hz while active.
 
-    Subclasses override `configure`, `activate`, `deactivate`, `cleanup`, `check`, `apply`,
-    `diagnose`; the first four refuse by a TactileError or ValueError of one sentence. `arguments`
-    are ROS arguments for this node alone, which win over those of its process.
+    `configure`, `activate`, `deactivate` and `cleanup` refuse by a TactileError or ValueError of
+    one sentence. Subscriptions and steady timers of an active node end with deactivate.
+    `arguments` are ROS arguments for this node alone, which win over those of its process.
     """
 
     needs_receive_times = False  # the executor of events cannot give them
@@ -72,10 +72,9 @@ class ManagedNode(LifecycleNode):
     def __init__(self, name: str, arguments: Sequence[str] = ()) -> None:
         super().__init__(name, cli_args=['--ros-args', *arguments] if arguments else None)
         self._schemas: list[Schema[object]] = []
-        self._configured = self.is_configuring = False
-        self._timer: Timer | None = None
-        self._inputs: list[Subscription] = []
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._configured = self.is_configuring = self.is_active = False
+        self._begun = ExitStack()
+        self.steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.finished = threading.Event()
         self.exit_code = 0
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
@@ -117,24 +116,21 @@ class ManagedNode(LifecycleNode):
         )
 
     def subscribe(
-        self,
-        kind: type,
-        topic: str,
-        callback: Callable[..., None],
-        depth: int = 1000,
-        raw: bool = False,
+        self, kind: type, topic: str, callback: Callable, depth: int = 1000, raw: bool = False
     ) -> Subscription:
         """Subscription that ends with deactivate; its QoS can be overridden."""
         overridable = QoSOverridingOptions.with_default_policies()
         made = self.create_subscription(
             kind, topic, callback, qos(topic, depth), raw=raw, qos_overriding_options=overridable
         )
-        self._inputs.append(made)
+        self._begun.callback(self.destroy_subscription, made)
         return made
 
     def steady_timer(self, period_s: float, callback: Callable[[], None]) -> Timer:
-        """Timer of real time, which runs also where simulated time stands still."""
-        return self.create_timer(period_s, callback, clock=self._steady)
+        """Timer of real time, which ends with deactivate."""
+        made = self.create_timer(period_s, callback, clock=self.steady)
+        self._begun.callback(self.destroy_timer, made)
+        return made
 
     def check(self, changes: dict[str, object]) -> None:
         """Refuse values by a ValueError where their dataclass alone cannot know."""
@@ -181,10 +177,11 @@ class ManagedNode(LifecycleNode):
         """Enable the publishers and begin."""
         done = super().on_activate(state)
         if done == SUCCESS and not self._tried(self.activate):
-            self._end_inputs()
+            self._begun.close()
             super().on_deactivate(state)
             return FAILURE
-        self._timer = self.steady_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics)
+        self.is_active = True
+        self.steady_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics)
         return done
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -212,16 +209,10 @@ class ManagedNode(LifecycleNode):
         return True
 
     def _stop(self) -> None:
-        """End the timer and what activate began."""
-        if self._timer is not None:
-            self.destroy_timer(self._timer)
-            self._timer = None
+        if self.is_active:
+            self.is_active = False
             self.deactivate()
-            self._end_inputs()
-
-    def _end_inputs(self) -> None:
-        while self._inputs:
-            self.destroy_subscription(self._inputs.pop())
+            self._begun.close()
 
     def _publish_diagnostics(self) -> None:
         try:
@@ -260,8 +251,10 @@ def diagnostic(
     hardware_id: str = '',
 ) -> DiagnosticStatus:
     """Diagnostic status whose values are text."""
-    texts = {k: f'{v:.6g}' if isinstance(v, float) else str(v) for k, v in values.items()}
-    pairs = [KeyValue(key=key, value=text) for key, text in texts.items()]
+    pairs = [
+        KeyValue(key=key, value=f'{x:.6g}' if isinstance(x, float) else str(x))
+        for key, x in values.items()
+    ]
     return DiagnosticStatus(
         level=level, name=name, message=message, hardware_id=hardware_id, values=pairs
     )
@@ -282,10 +275,9 @@ def start(nodes: Iterable[ManagedNode]) -> None:
 
 
 def run(build: Callable[[], ManagedNode | Sequence[ManagedNode]]) -> NoReturn:
-    """Run nodes until SIGINT or SIGTERM, or until one has finished, and end the process.
+    """Run the nodes that `build` makes until a signal or until one has finished; end the process.
 
-    `build` makes the nodes once rclpy is there. The exit code is 0 after a signal, that of a node
-    that finished, 2 when a parameter cannot be.
+    The exit code is 0 after a signal, that of a node that finished, 2 when a parameter cannot be.
     """
     # A handler of ours: the context stays usable for the last words after Ctrl-C.
     try:

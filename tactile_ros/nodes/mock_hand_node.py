@@ -1,45 +1,35 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """mock_hand: a fake of a hand's driver on its own topics, to run everything without the hand.
 
-It takes commands as the driver takes them (type, order, count, rate), reports joint states as the
-driver reports them, and fails as it fails: `fault`. Where asked, its closing presses simulated
-sensors: their readings between rest and the strongest press of the sensor's own signal are
-interpolated by force, and their bytes come from pseudo-terminals, so that drivers read them as
-hardware.
+It takes commands and reports joint states as the driver does, and fails as it fails: `fault`.
+Where asked, its closing presses simulated sensors: readings between rest and the strongest press
+of the sensor's own signal are interpolated by force, and come as bytes from pseudo-terminals.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters
 from sensor_msgs.msg import JointState
 
 from tactile_ros.hands import load_hand
-from tactile_ros.hands.drivers import in_order, read_command
+from tactile_ros.hands.description import Finger
+from tactile_ros.hands.drivers import Topic, in_order, read_command
 from tactile_ros.hands.joints import taking_part
 from tactile_ros.nodes.graph import has_port
 from tactile_ros.nodes.grip_node import MESSAGES
 from tactile_ros.nodes.lifecycle import ManagedNode, diagnostic, qos
 from tactile_ros.nodes.parameters import MockHandOptions
 from tactile_ros.sensors import load_sensor
-from tactile_ros.types import Closing
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from diagnostic_msgs.msg import DiagnosticStatus
-    from rclpy.timer import Timer
-
-    from tactile_ros.hands.description import Finger
-    from tactile_ros.hands.drivers import Topic
-    from tactile_ros.types import Array, Integers, JointLimits, Recording, Twin
+from tactile_ros.types import Array, Closing, Integers, JointLimits, Recording, Twin
 
 BINS = 24
 FASTEST_HZ = 100.0
@@ -69,11 +59,7 @@ class PressTable:
 
 
 class ClosedLoopTwins(Closing):
-    """Twins of one sensor on serial ports, pressed from outside.
-
-    Each appears at the path of its port and is pressed by its `force` (N); `twins` take faults.
-    `seed` is that of presses and noise, counted up.
-    """
+    """Twins of one sensor at the paths of their serial ports, each pressed by its `force` (N)."""
 
     def __init__(self, sensor: str, ports: Sequence[str], seed: int = 0) -> None:
         if not has_port(sensor):
@@ -104,16 +90,9 @@ class ClosedLoopTwins(Closing):
 
 
 class MockHand:
-    """Joints of a fake hand.
+    """Joints (j,) of a fake hand, which begin at `position` and keep their limits.
 
-    Parameters
-    ----------
-    limits : JointLimits
-        Of the j joints; they stop there and move no faster.
-    position : ndarray, shape (j,)
-        Where they begin.
-    dead_time_s, lag_s : float
-        Before a command acts, and time constant of the position loop (s).
+    A command acts after `dead_time_s`; `lag_s` is the time constant of the position loop (s).
     """
 
     def __init__(
@@ -130,10 +109,8 @@ class MockHand:
 
     def command(self, target: Array, horizon_s: float = 0.0) -> None:
         """Take targets (j,), to be reached in `horizon_s` (s); 0: as soon as the loop can."""
-        at = self._time_s + self._dead_time_s
-        self._waiting.append(
-            (at, np.clip(target, self._limits.lower, self._limits.upper), horizon_s)
-        )
+        target = np.clip(target, self._limits.lower, self._limits.upper)
+        self._waiting.append((self._time_s + self._dead_time_s, target, horizon_s))
 
     def step(self, dt: float) -> Array:
         """Positions (j,) after a time (s), positive."""
@@ -161,7 +138,6 @@ class MockHandNode(ManagedNode):
         self.declare(MockHandOptions())
         self._hand = load_hand(self.get_parameter('hand').value)
         self.declare(self._hand.driver)
-        self._ticking: Timer | None = None
         self._held = ExitStack()
         self._silenced = False
         self.received: dict[str, int] = {}
@@ -193,12 +169,8 @@ class MockHandNode(ManagedNode):
         self._states = self.create_publisher(JointState, driver.states, qos(depth=10))
         self._held.callback(self.destroy_publisher, self._states)
         for topic in driver.topics:
-            commands = self.create_subscription(
-                MESSAGES[topic.kind],
-                topic.name,
-                partial(self._on_command, topic),
-                qos(depth=3),
-            )
+            take, profile = partial(self._on_command, topic), qos(depth=3)
+            commands = self.create_subscription(MESSAGES[topic.kind], topic.name, take, profile)
             self._held.callback(self.destroy_subscription, commands)
         if driver.controller:
             name = f'{driver.controller}/get_parameters'
@@ -207,13 +179,7 @@ class MockHandNode(ManagedNode):
 
     def activate(self) -> None:
         """Begin to move and to report."""
-        self._ticking = self.steady_timer(self._period_s, self._on_tick)
-
-    def deactivate(self) -> None:
-        """Stand still and say nothing."""
-        if self._ticking is not None:
-            self.destroy_timer(self._ticking)
-            self._ticking = None
+        self.steady_timer(self._period_s, self._on_tick)
 
     def cleanup(self) -> None:
         """Leave the topics."""
@@ -221,8 +187,7 @@ class MockHandNode(ManagedNode):
         self.pressed = None
 
     def _on_command(self, topic: Topic, message: object) -> None:
-        """Take a command, or fail on it as the driver does."""
-        if self._ticking is None or self._silenced:
+        if not self.is_active or self._silenced:
             return
         self.received[topic.name] += 1
         try:
@@ -246,7 +211,6 @@ class MockHandNode(ManagedNode):
         return response
 
     def _on_tick(self) -> None:
-        """Move, and report as the driver does."""
         fault = self.get_parameter('fault').value
         before = self.joints.position
         position = self.joints.step(self._period_s)
@@ -267,7 +231,6 @@ class MockHandNode(ManagedNode):
         self._states.publish(message)
 
     def _press(self) -> None:
-        """Let every finger press its sensor as far as it has closed."""
         if self.pressed is None:
             return
         at, stiffness = (self.get_parameter(n).value for n in ('contact_at', 'stiffness'))
@@ -279,5 +242,5 @@ class MockHandNode(ManagedNode):
         """Commands that came in."""
         values = {f'commands on {name}': count for name, count in self.received.items()}
         values = {**values, 'refused': self.refused, 'silenced': self._silenced}
-        about = f'a fake of {self._hand.name}'
-        return diagnostic('mock hand', about, values, hardware_id=self._hand.name)
+        name = self._hand.name
+        return diagnostic('mock hand', f'a fake of {name}', values, hardware_id=name)

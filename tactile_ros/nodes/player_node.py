@@ -1,10 +1,9 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """player: a recording through a board's own bytes into a running graph, with its truth beside it.
 
-Opens a simulated serial port, waits until the driver reads it, then sends row after row. Before
-each touch it streams the resting reading and calls the tare, as a hand does before it closes.
-Every step waits for what the graph shows (frames, contacts, the answer of the service), never for
-a time: the same recording gives the same numbers at every speed.
+Before each touch it streams the resting reading and calls the tare, as a hand does before it
+closes. Every step waits for what the graph shows (frames, contacts, the answer of the service),
+never for a time: the same recording gives the same numbers at every speed.
 """
 
 from __future__ import annotations
@@ -49,8 +48,8 @@ class Stopped(TactileError):
 class FrameMatcher:
     """Match frames that come back to the rows that were sent, by order and content, not by time.
 
-    Safe to use from the sender and the listener. Of the `sent` rows the first `through` came back
-    and were acknowledged, or are lost; `lost` rows were overtaken by a later one, or given up.
+    Of the `sent` rows the first `through` came back and were acknowledged, or are lost; `lost`
+    rows were overtaken by a later one, or given up. Two threads may use it.
     """
 
     def __init__(self) -> None:
@@ -92,10 +91,7 @@ class FrameMatcher:
         self._changed.notify_all()
 
     def wait(self, count: int, timeout: float) -> bool:
-        """Wait until so many rows are through; False after `timeout` (s).
-
-        Raises Stopped by `stop`.
-        """
+        """Wait until so many rows are through; False after `timeout` (s), Stopped by `stop`."""
         with self._changed:
             self._changed.wait_for(lambda: self.is_stopped or self.through >= count, timeout)
             if self.is_stopped:
@@ -152,11 +148,10 @@ def as_received(data: bytes) -> Array:
 
 
 class Playback:
-    """Play a recording in a thread of its own, without ROS, until its end or the matcher's stop.
+    """Play a recording without ROS until its end or the matcher's stop.
 
-    `tare` takes a tare within some seconds and returns whether it was done and the answer; it is
-    called after every run of resting rows (None: rests are streamed, and nothing else). `missing`
-    says what the graph still lacks before the start, in words.
+    `tare` takes a tare within some seconds and returns whether it was done and the answer, after
+    every run of resting rows (None: none is asked for). `missing` says what the graph still lacks.
     """
 
     def __init__(
@@ -178,7 +173,7 @@ class Playback:
     def play(self, on_end: Callable[[PlaybackCounts], None]) -> None:
         """Offer the port, wait for the graph, warm up, play; again and again where `loop`.
 
-        Raises DeviceError if the graph does not answer, with what is missing, and Stopped.
+        Raises DeviceError if the graph does not answer, with what is missing.
         """
         link = Path(self._options.port)
         with SimulatedSerialPort() as port:
@@ -190,14 +185,13 @@ class Playback:
                 self._await(self._unread)
                 self._await(self._missing)
                 self._warm_up()
-                self._once(on_end)
+                self._play_once(on_end)
                 while self._options.loop:
-                    self._once(on_end)
+                    self._play_once(on_end)
             finally:
                 link.unlink(missing_ok=True)
 
     def _unread(self) -> str:
-        """Sentence where no driver has opened the port; empty: one has."""
         try:
             self._port.wait_for_reader(0.1)
         except DeviceTimeout:
@@ -231,8 +225,7 @@ class Playback:
                 raise DeviceError(msg)
         self._matcher.lost = 0
 
-    def _once(self, on_end: Callable[[PlaybackCounts], None]) -> None:
-        """Play the whole recording, run by run."""
+    def _play_once(self, on_end: Callable[[PlaybackCounts], None]) -> None:
         recording, counts = self._recording, self.counts
         begin = self._due_s = time.monotonic()
         for first, last, resting in runs(self._resting):
@@ -266,7 +259,6 @@ class Playback:
             self._send(row, self._recording.values[row])
 
     def _settle(self) -> None:
-        """Wait until everything sent went through."""
         if self._matcher.wait(self._matcher.sent, LOST_S):
             self._lost_in_a_row = 0
             return
@@ -288,8 +280,6 @@ class PlayerNode(ManagedNode):
         self._recording: Recording | None = None
         self._truth: TruthMessages | None = None
         self._client: Client | None = None
-        self._playback: Playback | None = None
-        self._thread: threading.Thread | None = None
         self._matcher = FrameMatcher()
 
     def configure(self) -> None:
@@ -331,7 +321,6 @@ class PlayerNode(ManagedNode):
         self._recording = self._truth = None
 
     def _on_frame(self, message: TactileFrame) -> None:
-        """Find the row of a frame and publish its truth under the frame's name."""
         frame = messages.read_frame(message, self._recording.layout.shape)
         row = self._matcher.match(frame)
         if self._options.wait_for == 'frame':
@@ -340,7 +329,6 @@ class PlayerNode(ManagedNode):
             self._truths.publish(self._truth.message(row, message.header, message.sequence))
 
     def _missing(self) -> str:
-        """Parts that the graph lacks, in words."""
         if self._truths.get_subscription_count() < self._options.listeners:
             return f'truth/contacts has fewer than {self._options.listeners} listeners'
         if self._client is not None and not self._client.service_is_ready():
@@ -361,7 +349,7 @@ class PlayerNode(ManagedNode):
 
     def _play(self) -> None:
         try:
-            self._playback.play(self._tell)
+            self._playback.play(self._log_counts)
         except Stopped:
             return
         except (TactileError, OSError) as err:
@@ -369,8 +357,7 @@ class PlayerNode(ManagedNode):
             self.exit_code = 1
         self.finished.set()
 
-    def _tell(self, counts: PlaybackCounts) -> None:
-        """Log one line on what was played, one on what was refused."""
+    def _log_counts(self, counts: PlaybackCounts) -> None:
         self.get_logger().info(str(counts))
         if counts.refused:
             self.get_logger().warning(f'the last refusal: {counts.refusal}')

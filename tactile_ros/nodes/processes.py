@@ -59,7 +59,7 @@ class Running:
         own = {'PYTHONUNBUFFERED': '1', STARTED_BY: str(os.getpid())}
         self._environment = {**os.environ, **own, **(environment or {})}
         self._hear = hear
-        self._children: dict[str, subprocess.Popen[str]] = {}
+        self.children: dict[str, subprocess.Popen[str]] = {}
         self._threads: dict[str, threading.Thread] = {}
         self._spoken = threading.Condition()
 
@@ -76,29 +76,20 @@ class Running:
         self.stop()
 
     def start(self, process: Process) -> None:
-        """Start one process; one that ended can be started again.
-
-        Only from a thread that stays: its end would end the process too.
-        """
+        """Start one process, anew where it ended; from a thread that stays: its end is theirs."""
         # A group of its own: Ctrl-C reaches this program alone, which stops the others in order.
         child = subprocess.Popen(
-            process.command(),
-            env=self._environment,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            errors='replace',
+            process.command(), env=self._environment, stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors='replace',
             start_new_session=True,
-        )
+        )  # fmt: skip
         name = self.graph.name_of(process)
-        self._children[name] = child
+        self.children[name] = child
         thread = threading.Thread(target=self._listen, args=(name, child), daemon=True)
         thread.start()
         self._threads[name] = thread
 
     def _listen(self, name: str, child: subprocess.Popen[str]) -> None:
-        """Keep and pass on what a process prints."""
         assert child.stdout is not None
         with child.stdout:
             for line in child.stdout:
@@ -109,10 +100,7 @@ class Running:
                     self._hear(name, line.rstrip())
 
     def wait_for_line(self, executable: str, text: str, timeout: float) -> str:
-        """Wait until a process prints a line that holds `text`, and return it.
-
-        Raises TactileError if it does not within `timeout` (s).
-        """
+        """Line of a process that holds `text`; TactileError if none comes in `timeout` (s)."""
 
         def said() -> str | None:
             return next((line for line in self.lines[executable] if text in line), None)
@@ -129,46 +117,35 @@ class Running:
         return ' | '.join(self.lines[name][-3:]) or 'nothing'
 
     def wait(self, executable: str, timeout: float) -> int:
-        """Wait for a process to end by itself and return its exit code.
+        """Exit code of a process that ends by itself within `timeout` (s).
 
-        Raises TactileError if it does not within `timeout` (s), or another process fails before.
+        Raises TactileError if it does not, or another process fails before.
         """
         deadline = time.monotonic() + timeout
         while True:
             try:
-                return self._children[executable].wait(0.1)
+                return self.children[executable].wait(0.1)
             except subprocess.TimeoutExpired:
                 msg = f'{executable} did not end within {timeout:g} s'
-            failed = [n for n, child in self._children.items() if n != executable and child.poll()]
+            failed = [n for n, child in self.children.items() if n != executable and child.poll()]
             for name in failed[:1]:
-                code = self._children[name].returncode
+                code = self.children[name].returncode
                 msg = f'{name} ended with code {code}: {self._last(name)}'
             if failed or time.monotonic() > deadline:
                 raise TactileError(msg)
 
     def is_alive(self, executable: str) -> bool:
         """A process has not ended yet."""
-        return self._children[executable].poll() is None
-
-    def pid(self, executable: str) -> int:
-        """Process id of a running process."""
-        return self._children[executable].pid
-
-    def signal(self, executable: str, number: int) -> None:
-        """Send a signal to one process."""
-        self._children[executable].send_signal(number)
+        return self.children[executable].poll() is None
 
     def stop(self, executables: Sequence[str] = ()) -> dict[str, int]:
         """Stop processes, the recorder after all others, and return their exit codes."""
-        names = list(executables) or list(self._children)
-        codes = {}
+        names, codes = list(executables) or list(self.children), {}
         for group in ([n for n in names if n != 'record'], [n for n in names if n == 'record']):
+            for name in group:  # not SIGINT: a Python that still starts answers with a traceback
+                self.children[name].terminate()
             for name in group:
-                if self._children[name].poll() is None:
-                    # Not SIGINT: a Python that still starts would answer it with a traceback.
-                    self._children[name].terminate()
-            for name in group:
-                child = self._children[name]
+                child = self.children[name]
                 try:
                     codes[name] = child.wait(STOP_S)
                 except subprocess.TimeoutExpired:
@@ -179,11 +156,7 @@ class Running:
 
 
 def end_with_parent() -> None:
-    """Let the end of this process's parent, also by SIGKILL, end this process as SIGTERM does.
-
-    Linux alone has it; elsewhere nothing happens. Called by the child, since what runs between
-    fork and exec of a parent with threads may lock up.
-    """
+    """Let the end of this process's parent, also by SIGKILL, end this process; on Linux alone."""
     if sys.platform != 'linux':
         return
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
@@ -204,33 +177,27 @@ def declared(defaults: object) -> list[DeclareLaunchArgument]:
     for name, default, text, choices in [*rows, LEVEL]:
         is_switch = isinstance(default, bool)
         value = str(default).lower() if is_switch else str(default)
-        words = list(TRUE_OR_FALSE if is_switch else choices)
-        limits = {'choices': words} if words else {}
-        arguments.append(
-            DeclareLaunchArgument(name, default_value=value, description=text, **limits)
-        )
+        limits = list(TRUE_OR_FALSE if is_switch else choices) or None
+        arguments.append(DeclareLaunchArgument(name, value, description=text, choices=limits))
     return arguments
 
 
 def chosen(context: LaunchContext, defaults: T) -> T:
     """Dataclass of what the arguments say, each in the type of its default.
 
-    ValueError with one sentence for what is no number, or a file that cannot be read.
+    ValueError for what is no number, or a file that cannot be read.
     """
     values: dict[str, Any] = {}
-    for field in fields(defaults):  # type: ignore[arg-type]
-        text = context.launch_configurations.get(field.name)
-        default = getattr(defaults, field.name)
+    for name, default in vars(defaults).items():
+        text = context.launch_configurations.get(name)
         if text is None:
             continue
-        if isinstance(default, bool):
-            values[field.name] = text == 'true'
-        elif isinstance(default, str):
-            values[field.name] = text
+        if isinstance(default, (bool, str)):
+            values[name] = text if isinstance(default, str) else text == 'true'
         else:
-            values[field.name] = number_of(field.name, text, type(default))
-        if field.name in FILES and text and not os.access(text, os.R_OK):
-            msg = f'{field.name} must be a path that can be read; received {text!r}'
+            values[name] = number_of(name, text, type(default))
+        if name in FILES and text and not os.access(text, os.R_OK):
+            msg = f'{name} must be a path that can be read; received {text!r}'
             raise ValueError(msg)
     return replace(defaults, **values)  # type: ignore[type-var]
 
@@ -245,10 +212,9 @@ def number_of(name: str, text: str, kind: type[N]) -> N:
 
 
 def node_of(process: Process, log_level: str, respawn: bool = False) -> Node:
-    """A process of the graph as an action.
+    """Action of a process of the graph; nodes of sensors are started again where `respawn`.
 
-    One that refuses its parameters or its files ends the launch with exit code 1, a grip that ends
-    ends it too; nodes of sensors are started again where `respawn` says so.
+    One that refuses its parameters or files ends the launch with code 1, a grip that ends ends it.
     """
     from launch.actions import Shutdown
     from launch_ros.actions import Node

@@ -56,7 +56,7 @@ class RecordNode(ManagedNode):
             write = partial(self._write, self.resolve_topic_name(topic), type_name, latched)
             callback = write if GIVES_INFO else partial(write, info={})
             self.subscribe(kind, topic, callback, raw=True)
-        self._flushing = self.steady_timer(FLUSH_PERIOD_S, self._writer.flush)
+        self.steady_timer(FLUSH_PERIOD_S, self._writer.flush)
 
     def _write(
         self, topic: str, type_name: str, latched: bool, data: bytes, info: Mapping[str, int]
@@ -77,10 +77,6 @@ class RecordNode(ManagedNode):
         """Messages came since this was asked last."""
         more, self._taken_before = self._taken != self._taken_before, self._taken
         return more
-
-    def deactivate(self) -> None:
-        """Listen no more."""
-        self.destroy_timer(self._flushing)
 
     def cleanup(self) -> None:
         """Close the bag with its index."""

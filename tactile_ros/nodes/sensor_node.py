@@ -1,11 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""sensor_node: read one tactile sensor, real or simulated, and publish its frames.
-
-A thread reads the device. With a queue a second thread hands on, so that a slow listener never
-delays the reading: a frame that finds the queue full pushes the oldest one out, which is counted.
-Without one, frames that have waited in the port are handed on together, so that whoever is late
-catches up.
-"""
+"""sensor_node: read one tactile sensor, real or simulated, and publish its frames."""
 
 from __future__ import annotations
 
@@ -21,7 +15,6 @@ from queue import Empty, SimpleQueue
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, Quaternion
-from rclpy.publisher import Publisher
 
 from tactile_ros import messages
 from tactile_ros.enrolment import playing
@@ -62,9 +55,8 @@ RELIEF = 'none'
 class SensorDiagnostics:
     """Frames counted by the reader, judged once a second.
 
-    `overruns`: frames pushed out of a full queue; `failures`: errors of the device or of a
-    listener; `waiting`: nothing is read before everybody who listens is there; `sentence`: why
-    nothing comes now, empty while frames come.
+    `overruns`: frames pushed out of a full queue; `failures`: errors of the device or a listener;
+    `waiting`: somebody who listens is not there yet; `sentence`: why nothing comes, else empty.
     """
 
     def __init__(self, nominal_hz: float = nan) -> None:
@@ -85,10 +77,9 @@ class SensorDiagnostics:
     def judge(
         self, counters: Mapping[str, int], is_open: bool
     ) -> tuple[bytes, str, dict[str, object]]:
-        """Level, sentence and values for the time since the last call.
+        """Level, sentence and values for the time since the last call, with a device's counters.
 
-        OK; WARN: frames come, but something needs attention; ERROR: none come; STALE: none are
-        read, since nobody listens yet. `counters` are those of the device.
+        WARN: frames come, but something needs attention; ERROR: none come; STALE: none are read.
         """
         recent, self._recent = list(self._recent), deque(maxlen=MOST_FRAMES)
         rate_hz, jitter_s = pace([frame.stamp_ns or 0 for frame in recent])
@@ -121,13 +112,11 @@ class SensorDiagnostics:
         return level, message, values
 
     def _grown(self, counters: Mapping[str, int]) -> list[str]:
-        """Counts of trouble since the last call, in words."""
         before, self._before = self._before, dict(counters)
         more = {n: v - before.get(n, 0) for n, v in counters.items() if n not in HARMLESS}
         return [f'{count} {name.replace("_", " ")}' for name, count in more.items() if count > 0]
 
     def _slowness(self, rate_hz: float, jitter_s: float) -> str:
-        """Deviation of rate or jitter, in words."""
         if rate_hz < SLOW * self.nominal_hz:
             return f'{rate_hz:.3g} Hz instead of {self.nominal_hz:g} Hz'
         irregular = jitter_s * self.nominal_hz > JITTERY
@@ -181,12 +170,12 @@ class Reader:
     complain : callable
         Takes a sentence whenever the reason why nothing comes changes.
     ready : callable
-        Nothing is read before it returns True: whoever must see the first frame is there.
+        Nothing is read before it returns True.
     queue : int
-        Frames that may wait for `deliver`, which has a thread of its own then; 0: the reader's.
+        Frames that may wait for `deliver` and its own thread; a full queue loses the oldest, which
+        is counted. 0: there is none.
     kept_back_s : float
-        Before reading begins, discard frames that the port hands over faster than this: they were
-        kept back, and their age is unknown. 0: nothing is discarded.
+        Discard first what the port hands over faster than this: its age is unknown (s).
     """
 
     def __init__(
@@ -211,7 +200,7 @@ class Reader:
         self._handing = threading.Thread(target=self._hand_on, name='reader_queue', daemon=True)
 
     def open(self) -> None:
-        """Try to open the device now; where its port is missing, the thread goes on trying."""
+        """Open the device; where its port is missing, the thread goes on trying."""
         try:
             self._opened.enter_context(self.device)
             self.is_open = True
@@ -235,7 +224,7 @@ class Reader:
         self._opened.close()
 
     def _run(self) -> None:
-        """Open, wait for the listeners, read, and hand on what has come."""
+        """Open, wait for the listeners, read, hand on."""
         self._await_device()
         self.diagnostics.waiting = True
         while not self._ready():
@@ -248,7 +237,7 @@ class Reader:
                 frames = [self.device.read(READ_TIMEOUT_S), *self.device.waiting()]
             except DeviceTimeout as err:
                 self._note(str(err))
-            except Exception as err:  # also what no driver may do: the node goes on
+            except Exception as err:  # also what no driver may do
                 self._fail(err)
                 self._stop.wait(FIRST_RETRY_S)
             else:
@@ -277,7 +266,6 @@ class Reader:
                 took = time.monotonic() - began
 
     def _queue_up(self, frames: Sequence[Frame]) -> None:
-        """Let frames wait in the queue, and the oldest fall out of a full one."""
         for frame in frames:
             if self._queue.qsize() >= self._limit:
                 with suppress(Empty):  # it has just been taken
@@ -286,7 +274,6 @@ class Reader:
             self._queue.put(frame)
 
     def _hand_on(self) -> None:
-        """Empty the queue until there is nothing more to come."""
         while (frame := self._queue.get()) is not None:
             lost = self.diagnostics.overruns
             self._pass_on([replace(frame, dropped=frame.dropped + lost) if lost else frame])
@@ -313,10 +300,7 @@ class Reader:
 
 
 def parse_fault(text: str, possible: Sequence[str]) -> tuple[str, int]:
-    """Name and count of a fault, given as `name` or `name:count`.
-
-    Raises ValueError, which lists the possible ones, if it is none of them.
-    """
+    """Name and count of a fault, given as `name` or `name:count`; ValueError if not possible."""
     name, _, count = text.strip().partition(':')
     times = int(count) if count.isascii() and count.isdecimal() else int(not count)
     if name not in possible or not 1 <= times <= MOST_FAULTS:
@@ -333,9 +317,7 @@ class SensorNode(ManagedNode):
 
     On demand also `magnetic_field/chip_<i>` and `image`, and of a twin `truth/contacts`.
     `downstream` takes all frames that came together, and the name of their tf frame, in the
-    reader's thread before they are published: the one-process road, which has no queue.
-    `waits_for` is a further condition for the first frame; `arguments` are ROS arguments for this
-    node alone.
+    reader's thread, without a queue; `waits_for` is a further condition for the first frame.
     """
 
     def __init__(
@@ -358,27 +340,24 @@ class SensorNode(ManagedNode):
         self._layout: Layout | None = None
         self._views: FrameViews | None = None
         self._held = ExitStack()
-        self._truth: TruthMessages | None = None
-        self._truths: Publisher | None = None
+        self._truth = self._truths = None
         self._pending_fault = ''
 
     def configure(self) -> None:
         """Check the parameters and open the device; a missing port is told and tried again."""
-        self._options = self.options(SensorOptions)
+        self._options = options = self.options(SensorOptions)
         self._config = self.options(type(self._config))
         self._connection = self.options(type(self._connection))
-        options = self._options
         frame_id = frame_of(self.get_namespace(), options.frame_id, options.frame_prefix)
         layout = self._spec.layout(self._config)
         self._layout = replace(layout, frame_id=frame_id, serial=options.serial)
         if options.simulated:
             self._begin_twin()
-        self.check({'fault': self._options.fault})
-        self._pending_fault = self._options.fault
+        self.check({'fault': options.fault})
+        self._pending_fault = options.fault
         self._open()
 
     def _begin_twin(self) -> None:
-        """Let the twin answer from now until cleanup."""
         config, seed, signal = self._config, self._options.seed, None
         if self._options.scene == 'presses':  # the twin's own signal
             recording = self._spec.presses(config, seed)
@@ -400,17 +379,14 @@ class SensorNode(ManagedNode):
             device = self._spec.open(self._config, self._connection, self.now_ns)
         else:
             device = self._twin.device(self.now_ns)
-        rate_hz = self._layout.rate_hz
+        rate_hz, options = self._layout.rate_hz, self._options
         # not a fixed time: on a busy machine it takes milliseconds to decode what waits
         kept_back_s = AT_ONCE / rate_hz if rate_hz > 0 else 1.0
+        queue = options.queue if self._downstream is None else 0
+        kept_back_s = kept_back_s if options.discard_stale else 0.0
+        complain = self.get_logger().warning  # it is tried again; diagnostics say ERROR
         self._reader = Reader(
-            device,
-            self._deliver,
-            self.get_logger().warning,  # it is tried again; diagnostics say ERROR
-            self._is_awaited,
-            self._options.queue if self._downstream is None else 0,
-            kept_back_s if self._options.discard_stale else 0.0,
-            rate_hz,
+            device, self._deliver, complain, self._is_awaited, queue, kept_back_s, rate_hz
         )
         self._reader.open()
 
@@ -467,7 +443,6 @@ class SensorNode(ManagedNode):
         self.get_logger().info(f'the twin suffers {name}, {count} times')
 
     def _is_awaited(self) -> bool:
-        """Everybody who must see the first frame is there."""
         heard = self._frames.get_subscription_count() >= self._options.listeners
         return heard and self._waits_for()
 

@@ -34,25 +34,21 @@ def setup_of() -> HandSetup:
     node = Node('stack')
     schema = Schema(StackOptions())
     schema.declare(node)
-    options = schema.read(node)
-    refusal = raise_priority(options.priority)
+    choices = dict(vars(schema.read(node)))
+    refusal = raise_priority(choices.pop('priority'))
     if refusal:
         node.get_logger().warning(refusal)
     namespace = node.get_namespace().strip('/')
     node.destroy_node()
-    choices = {
-        name: ','.join(value) if isinstance(value, tuple) else value
-        for name, value in vars(options).items()
-        if name != 'priority'
-    }
+    for name in ('fingers', 'ports'):
+        choices[name] = ','.join(choices[name])
     return HandSetup(**choices, namespace=namespace, stack=True)
 
 
 def raise_priority(priority: int) -> str:
-    """Give the process a real-time priority; a sentence where the system does not grant it.
+    """Give all threads of the process a real-time priority; a sentence where it is not granted.
 
-    All threads get it, and those that they start: one without it that holds Python's lock, and is
-    kept from a processor by another program, would stop them all.
+    One without it that holds Python's lock, and waits for a processor, would stop them all.
     """
     if priority == 0:
         return ''
@@ -76,7 +72,7 @@ def rest_collector(contact: ContactNode) -> None:
             gc.collect()
             gc.freeze()
 
-    timer = contact.steady_timer(LOOK_S, look)
+    timer = contact.create_timer(LOOK_S, look, clock=contact.steady)
 
 
 def build() -> Sequence[ManagedNode]:
@@ -86,7 +82,7 @@ def build() -> Sequence[ManagedNode]:
     if not setup.hand:
         contact = ContactNode(direct=True)
         rest_collector(contact)
-        return [contact, SensorNode(contact.take, contact.is_heard)]
+        return [contact, SensorNode(contact.take, contact.is_ready)]
     grip = GripNode()
     contacts, sensors = [], []
     for name, process in zip(setup.sensors(), stack_of(setup), strict=True):
@@ -95,7 +91,7 @@ def build() -> Sequence[ManagedNode]:
         own = process.ros_arguments()
         contact = ContactNode(True, grip.take_states, own)
         contacts.append(contact)
-        sensors.append(SensorNode(contact.take, contact.is_heard, own))
+        sensors.append(SensorNode(contact.take, contact.is_ready, own))
     for contact in contacts[:1]:
         rest_collector(contact)
     grip.direct = {contact.topic for contact in contacts}

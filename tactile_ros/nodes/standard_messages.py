@@ -1,8 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Messages of a frame, a state and a truth for other tools: wrench, pose, markers, views.
-
-Each is filled only where somebody listens.
-"""
+"""Messages for other tools, where somebody listens: wrench, pose, markers, views, truth."""
 
 from __future__ import annotations
 
@@ -47,8 +44,7 @@ BLUE = ColorRGBA(r=0.1, g=0.4, b=1.0, a=0.9)
 class TruthMessages:
     """Truth of a recording as TactileContacts; tare rows are untouched, the rest as stated.
 
-    The clock of a twin's board begins with its signal, so it gives the row that a frame carries
-    however late the frame was sent and read; `start_ns` is the node's time at that beginning (ns).
+    The clock of a twin's board begins with its signal, which the node's does at `start_ns` (ns).
     """
 
     def __init__(self, recording: Recording, start_ns: int = 0) -> None:
@@ -86,11 +82,7 @@ def header_of(stamp_ns: int | None, frame_id: str) -> Header:
 
 
 class StandardTopics:
-    """Standard messages of one contact_node.
-
-    A sensor without `objects` in its config has no `object_pose`, and one whose estimation tells
-    no `surface` none of that name.
-    """
+    """Standard messages of one contact_node; `object_pose` and `surface` where its sensor can."""
 
     def __init__(self, node: ManagedNode, spec: SensorSpec) -> None:
         kinds = {'wrench': WrenchStamped, 'markers': MarkerArray}
@@ -138,7 +130,7 @@ class StandardTopics:
 def contact_markers(header: Header, layout: Layout, state: ContactState) -> MarkerArray:
     """Taxels as points, the contact as a ball of two sigma, its force as an arrow.
 
-    They are always the same three markers, deleted where there is nothing to show.
+    All three are sent, deleted where there is nothing to show.
     """
 
     def marker(name: str, kind: int, color: ColorRGBA) -> Marker:
@@ -249,12 +241,6 @@ class FrameViews:
 
 def image_of(frame: Frame, grid: Grid, frame_id: str) -> Image:
     """Image of a matrix, 32FC1: readings as they are (fractions, say)."""
-    return Image(
-        header=header_of(frame.stamp_ns, frame_id),
-        height=grid.height,
-        width=grid.width,
-        encoding='32FC1',
-        is_bigendian=0,
-        step=4 * grid.width,
-        data=np.ascontiguousarray(frame.values[grid.taxels, 0], '<f4').tobytes(),
-    )
+    data = np.ascontiguousarray(frame.values[grid.taxels, 0], '<f4').tobytes()
+    shape = {'height': grid.height, 'width': grid.width, 'step': 4 * grid.width}
+    return Image(header=header_of(frame.stamp_ns, frame_id), encoding='32FC1', data=data, **shape)

@@ -52,7 +52,7 @@ class ViewerNode(Node):
                 self.create_subscription(kind, path, partial(callback, name), qos(topic))
 
     def tare(self, name: str) -> str:
-        """Ask contact_node of a namespace for a tare, from another thread; its answer in words."""
+        """Answer of contact_node of a namespace to a tare, in words; from another thread."""
         service = '/'.join(part for part in (name, 'contact_node/tare') if part)
         client = self.create_client(Trigger, service)
         try:

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from reference import enrolled_skin
+from tactile_ros.action import Enrol
 from tactile_ros.cli import calibrate
 from tactile_ros.cli.main import main
 from tactile_ros.conditioning.baseline import tare_means, tare_runs
@@ -37,7 +38,7 @@ from tactile_ros.evaluation.replay import (
 )
 from tactile_ros.messages import fill_contacts
 from tactile_ros.nodes.contact_loop import ContactLoop
-from tactile_ros.nodes.enrolment_server import Enrolment, EnrolRequest, EnrolResult
+from tactile_ros.nodes.enrolment_server import Enrolment, EnrolRequest
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import (
     STATE_FIELDS,
@@ -370,8 +371,8 @@ class Run:
             self.frames.append(enrolled_skin.frame_of(len(self.frames), row))
             self.states.append(self.stage.process([self.frames[-1]])[0])
 
-    def learn(self, label: str, numbers: tuple[int, ...], replace: bool = False) -> EnrolResult:
-        ended: queue.Queue[EnrolResult] = queue.Queue()
+    def learn(self, label: str, numbers: tuple[int, ...], replace: bool = False) -> Enrol.Result:
+        ended: queue.Queue[Enrol.Result] = queue.Queue()
         self.classes.begin(
             EnrolRequest(label, len(numbers), PATIENCE_S, replace), lambda *_: None, ended.put
         )

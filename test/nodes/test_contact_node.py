@@ -82,7 +82,7 @@ class Sensor:
         self.baselines: list[TactileFrame] = ros.hear(TactileFrame, 'baseline')
         self.calibrations: list[String] = ros.hear(String, 'calibration')
         lifecycle.start([self.node])
-        assert ros.until(lambda: self.frame.get_subscription_count() and self.node.is_heard())
+        assert ros.until(lambda: self.frame.get_subscription_count() and self.node.is_ready())
 
     def hear(self, kind: type, topic: str) -> list:
         """Messages of a standard topic, whose listener is matched."""
@@ -258,7 +258,7 @@ def test_contact_node_refuses_a_foreign_calibration(
     ros.init(f'calibration:={path}')
     contact = ros.add(ContactNode())
     lifecycle.start([contact])
-    assert (contact.finished.is_set(), contact.exit_code, contact.is_heard()) == (True, 1, False)
+    assert (contact.finished.is_set(), contact.exit_code, contact.is_ready()) == (True, 1, False)
     assert str(path) in capfd.readouterr().err
     assert contact.trigger_configure() != lifecycle.SUCCESS
 

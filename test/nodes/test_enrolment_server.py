@@ -30,7 +30,7 @@ from tactile_ros.nodes.enrolment_server import (
     Enrolment,
     EnrolmentClient,
     EnrolRequest,
-    EnrolResult,
+    refusal,
 )
 from tactile_ros.nodes.lifecycle import qos
 from tactile_ros.sensors import load_sensor
@@ -84,7 +84,7 @@ class Room:
 
     def __init__(self) -> None:
         self.reached, self.opened, self.ended = (threading.Event() for _ in range(3))
-        self.learned: list[EnrolResult] = []
+        self.learned: list[Enrol.Result] = []
         self.changes: list[object] = []
         self.file = Skin(self.pass_gate)
         self.loop = ContactLoop(Skin(), 3, False, lambda _: None)  # type: ignore[arg-type]
@@ -105,7 +105,7 @@ class Room:
     def begin(self) -> None:
         """A lesson of one press, up to the gate."""
 
-        def end(learned: EnrolResult) -> None:
+        def end(learned: Enrol.Result) -> None:
             self.learned.append(learned)
             self.ended.set()
 
@@ -113,7 +113,7 @@ class Room:
         self.feed(*PRESS)
         assert self.reached.wait(PATIENCE_S)
 
-    def finish(self) -> EnrolResult:
+    def finish(self) -> Enrol.Result:
         self.opened.set()
         assert self.ended.wait(PATIENCE_S)
         return self.learned[0]
@@ -139,7 +139,7 @@ def test_no_frame_waits_while_a_class_is_judged(room: Room) -> None:
 def test_enrolment_can_be_withdrawn_until_its_class_is_written(room: Room) -> None:
     room.begin()
     assert room.enrol.cancel()
-    assert room.finish() == EnrolResult(False, 'cancelled', cancelled=True)
+    assert room.finish() == refusal('cancelled')
     assert (room.file.saved, room.changes) == (0, [])
     assert not room.enrol.cancel()
 
@@ -157,7 +157,7 @@ def test_whoever_asks_hears_the_end_whatever_happens(room: Room) -> None:
     assert room.enrol.forget('odd') == (False, 'RuntimeError: nobody foresaw this')
     room.file.save = lambda _: 1 / 0  # type: ignore[assignment, method-assign, return-value]
     room.begin()
-    assert room.finish() == EnrolResult(False, 'ZeroDivisionError: division by zero')
+    assert room.finish() == refusal('ZeroDivisionError: division by zero')
     assert (room.changes, room.file.saved) == ([], 0)
     room.enrol.close()
     assert room.enrol.forget('mug') == (False, CLOSED)
@@ -204,7 +204,7 @@ class Hand:
         self.node = self.ros.add(ContactNode())
         lifecycle.start([self.node])
         heard = self.frame.get_subscription_count
-        assert self.ros.until(lambda: heard() and self.node.is_heard())
+        assert self.ros.until(lambda: heard() and self.node.is_ready())
         self.begin_stream()
 
     def begin_stream(self) -> None:

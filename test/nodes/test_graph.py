@@ -158,7 +158,7 @@ def test_a_killed_node_leaves_the_others_running(ros: Ros) -> None:
     contacts = ros.hear(TactileContacts, 'contacts')
     with Running(sensing(setup)) as running:
         assert ros.until(lambda: contacts), running.lines
-        running.signal('contact_node', signal.SIGKILL)
+        running.children['contact_node'].send_signal(signal.SIGKILL)
         assert ros.until(lambda: not running.is_alive('contact_node'))
         heard = len(frames)
         assert ros.until(lambda: len(frames) > heard + 20)

@@ -1,10 +1,9 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Ages of messages: by their stamps where clocks agree, by their arrival otherwise."""
+"""Grip without ROS on springs; triggers of its steps; ages of messages."""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -17,11 +16,6 @@ from tactile_ros.hands.joints import taking_part
 from tactile_ros.nodes.grip_loop import Decision, GripLoop, StampAge, StepTrigger
 from tactile_ros.nodes.mock_hand_node import MockHand
 from tactile_ros.sensors import load_sensor
-
-if TYPE_CHECKING:
-
-
-    pass
 
 HANDS = ['allegro_v4', 'allegro_v5', 'allegro_plexus', 'qb_softhand', 'qb_softhand_2m']
 
@@ -125,17 +119,6 @@ def test_every_hand_holds_and_opens_again(name: str) -> None:
         np.testing.assert_allclose(world.joints.position[place], finger.open, atol=0.02)
 
 
-def test_the_first_command_is_where_the_joints_are() -> None:
-    world = World('allegro_v5')
-    start = world.joints.position + 0.05 * np.sin(np.arange(16))
-    start = np.clip(start, world.hand.driver.lower, world.hand.driver.upper)
-    world.joints = MockHand(world.hand.driver.limits, start)
-    world.run(0.05)
-    world.stage.grasp(2.0, (), 0.0, adapt=False)
-    first = world.step().command
-    np.testing.assert_allclose(first.position, start, atol=0.02)
-
-
 def test_nothing_is_sent_before_a_grasp_and_after_a_disable() -> None:
     world = World('allegro_v4')
     idle = world.run(0.2)
@@ -156,14 +139,6 @@ def test_without_joint_states_nothing_is_sent() -> None:
     made = world.run(0.5)
     assert made.command is None
     assert made.refusal == 'no joint states of the hand have come'
-
-
-def test_what_blocks_the_wire_sends_nothing_and_says_why() -> None:
-    world = World('allegro_v4')
-    world.stage.grasp(2.0, (), 0.0, adapt=False)
-    world.run(0.1)
-    made = world.stage.step(world.time_s + 0.01, 0, 'robot_description has not come')
-    assert (made.command, made.refusal) == (None, 'robot_description has not come')
 
 
 @pytest.mark.parametrize('action', ['hold', 'open'])
@@ -201,18 +176,17 @@ def test_a_stale_input_holds_the_last_posture_within_its_age(name: str, missing:
     assert world.force == pytest.approx(2.0, rel=0.1)
 
 
-@pytest.mark.parametrize('stiffness', [10.0, 40.0, 200.0])
-@pytest.mark.parametrize('after', [6, 15])
+@pytest.mark.parametrize('stiffness', [10.0, 200.0])
 @pytest.mark.parametrize('name', ['allegro_v5', 'qb_softhand'])
 def test_an_input_lost_in_mid_transient_neither_squeezes_nor_drops(
-    name: str, after: int, stiffness: float
+    name: str, stiffness: float
 ) -> None:
     world = World(name, stiffness)
     world.run(0.2)
     world.stage.grasp(2.0, (), 0.0, adapt=False)
     while world.step().made.phase not in (GripPhase.LOAD, GripPhase.HOLD):
         assert world.time_s < 30.0
-    for _ in range(after):
+    for _ in range(6):
         world.step()
     before = np.array(world.forces())
     world.felt = False
@@ -263,13 +237,6 @@ def test_a_finger_lost_in_mid_transient_stays_and_the_others_go_on(silent: int) 
     forces = np.array(world.forces())[others]
     assert (forces <= 1.2 * targets[others] + 0.02).all()
     np.testing.assert_allclose(forces, targets[others], atol=0.45)
-
-
-def test_a_grasp_with_two_fingers_that_meet_nothing_is_no_object() -> None:
-    world = World('allegro_v5', at=5.0)
-    world.run(0.2)
-    world.stage.grasp(2.0, ('index', 'thumb'), 0.0, adapt=False)
-    assert world.until_end().ended.outcome == GraspOutcome.NO_OBJECT
 
 
 def test_a_fault_before_the_hold_ends_the_grasp_and_closes_no_more() -> None:
@@ -408,13 +375,12 @@ def test_a_short_silence_of_the_hand_is_forgiven_where_it_stayed() -> None:
     assert world.force == pytest.approx(2.0, rel=0.1)
 
 
-@pytest.mark.parametrize('share', [2, 5])  # one sample of so many comes from elsewhere
-def test_two_sources_of_joint_states_give_the_hand_up_and_say_so(share: int) -> None:
+def test_two_sources_of_joint_states_give_the_hand_up_and_say_so() -> None:
     world = World('allegro_v5', fault_time=1.0)
     world.holding()
     count = len(world.decisions)
     for k in range(150):
-        if k % share == 0:
+        if k % 5 == 0:
             world.stage.take_joints(world.joints.position + 0.6, world.time_s + 0.005)
         world.step()
     found = world.decisions[count:]
@@ -451,20 +417,8 @@ def test_an_outage_during_a_grasp_ends_it_as_a_fault() -> None:
     assert made.ended.outcome == GraspOutcome.FAULT
     assert 'joint states are stale' in made.ended.message
     world.told = True
+    world.stage.cancel()  # that comes after the end opens nothing
     made = world.run(1.0)
-    assert (made.command, made.made.phase) == (None, GripPhase.IDLE)
-
-
-def test_a_cancel_that_comes_after_the_end_opens_nothing() -> None:
-    world = World('allegro_v5', fault_time=0.3)
-    world.run(0.2)
-    world.stage.grasp(2.0, (), 20.0, adapt=False)
-    world.run(0.2)
-    world.told = False
-    world.until_end()
-    world.told = True
-    world.stage.cancel()
-    made = world.run(0.5)
     assert (made.command, made.made.phase) == (None, GripPhase.IDLE)
 
 
@@ -619,8 +573,8 @@ def test_every_force_of_its_rate_is_a_step_whatever_its_delay() -> None:
     np.testing.assert_allclose(made[1:], 1e-9 * np.diff(stamps), atol=1e-12)
 
 
-@pytest.mark.parametrize('rate_hz', [150.0, 333.0, 1000.0])
-def test_a_hand_is_commanded_no_faster_than_its_rate(rate_hz: float) -> None:
+def test_a_hand_is_commanded_no_faster_than_its_rate() -> None:
+    rate_hz = 333.0
     stamps = [round(k * 1e9 / rate_hz) for k in range(1, int(2 * rate_hz))]
     made = steps(pace(), stamps)
     assert 195 <= len(made) <= 201
@@ -752,12 +706,6 @@ def test_a_wall_clock_that_jumps_makes_no_frame_old(jump: int) -> None:
         # the first was stamped before the jump, the others after it
         stamp_ns = (WALL_NS if k == 1 else jumped) + k * 10_000_000 - 5_000_000
         assert age(ages, stamp_ns, 0.01 * k, jumped) <= 0.005 + 1e-6
-    assert ages.agrees
-
-
-def test_a_stamp_a_little_ahead_is_of_now() -> None:
-    ages = StampAge()
-    assert age(ages, WALL_NS + 1_000_000, 0.0) == 0.0
     assert ages.agrees
 
 

@@ -28,7 +28,7 @@ NODES = """
     from tactile_ros.nodes.processes import Running
     with Running(Graph((Process('sensor_node', {'port': '/nowhere'}),))) as running:
         running.wait_for_line('sensor_node', '/nowhere', 120.0)
-        print(running.pid('sensor_node'), flush=True)
+        print(running.children['sensor_node'].pid, flush=True)
         running.wait('sensor_node', 120.0)
 """
 WORKERS = """
@@ -90,7 +90,7 @@ def test_who_waits_hears_what_the_others_said_and_many_signals_end_a_node_as_one
         for _ in range(200_000):
             if not running.is_alive('sensor_node'):
                 break
-            running.signal('sensor_node', signal.SIGINT)
-            running.signal('sensor_node', signal.SIGTERM)
+            running.children['sensor_node'].send_signal(signal.SIGINT)
+            running.children['sensor_node'].send_signal(signal.SIGTERM)
             time.sleep(1e-4)  # the node needs a processor to end
         assert running.wait('sensor_node', PATIENCE_S) == 0, running.lines
