@@ -41,14 +41,10 @@ class Argument:
     """Stands in for DeclareLaunchArgument."""
 
     def __init__(
-        self,
-        name: str,
-        default_value: str | None = None,
-        description: str = '',
-        choices: list = (),
+        self, name: str, default_value: str, description: str, choices: list | None = None
     ) -> None:
-        self.name, self.description, self.choices = name, description, list(choices)
-        self.default_value = None if default_value is None else [Text(default_value)]
+        self.name, self.description = name, description
+        self.default_value = [Text(default_value)]
         assert not choices or default_value in choices
 
 
@@ -56,10 +52,7 @@ class Text(str):
     """Stands in for a substitution."""
 
     __slots__ = ()
-
-    @property
-    def text(self) -> str:
-        return str(self)
+    text = property(str)
 
     def perform(self, context: Context) -> str:
         return str(self)
@@ -189,9 +182,7 @@ def test_a_simulated_sensor_is_one_node_with_its_seed_and_fault(source: dict[str
         ({'source': 'recorded', 'sensor': 'gradiometer'}, 'gradiometer has no recordings'),
     ],
 )
-def test_a_launch_that_cannot_be_is_one_sentence(
-    arguments: dict[str, str], sentence: str
-) -> None:
+def test_a_launch_that_cannot_be_is_one_sentence(arguments: dict[str, str], sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         actions(module_of('sensor.launch.py'), **arguments)
 
@@ -218,9 +209,7 @@ def test_nodes_of_sensors_are_started_again(
 
 
 def test_what_refuses_to_run_or_grips_ends_the_launch() -> None:
-    (sensor,), (grip,) = (
-        actions(module_of(f'{name}.launch.py')) for name in ('sensor', 'grasp')
-    )
+    (sensor,), (grip,) = (actions(module_of(f'{name}.launch.py')) for name in ('sensor', 'grasp'))
     if not isinstance(sensor, Record):
         pytest.skip('launch calls the handlers itself')
     context = SimpleNamespace(is_shutdown=False)
@@ -294,23 +283,22 @@ def test_a_replay_waits_for_its_node_and_ends_with_it(monkeypatch: pytest.Monkey
     assert module.without_node(None, shut) == []
 
 
-def test_a_replay_needs_a_bag() -> None:
-    with pytest.raises(ValueError, match='bag must be the folder of a bag'):
-        BagPlayback().command()
-
-
-@pytest.mark.parametrize('wrong', [{'rate': 0.0}, {'rate': float('nan')}, {'delay': -1.0}])
-def test_a_replay_refuses_what_the_player_refuses(wrong: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match='rate must be above 0 and delay 0 or more'):
-        BagPlayback('bag', **wrong).command()
-
-
-def test_a_replay_without_a_delay_names_none() -> None:
-    assert '--delay' in BagPlayback('bag').command()
-    assert '--delay' not in BagPlayback('bag', delay=0.0).command()
+@pytest.mark.parametrize(
+    ('wrong', 'sentence'),
+    [
+        ({'bag': ''}, 'bag must be the folder of a bag'),
+        ({'rate': 0.0}, 'rate must be above 0 and delay 0 or more'),
+        ({'rate': float('nan')}, 'received nan, 3.0'),
+        ({'delay': -1.0}, 'received 1.0, -1.0'),
+    ],
+)
+def test_a_replay_refuses_what_the_player_refuses(wrong: dict[str, float], sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        BagPlayback(**{'bag': 'bag', **wrong}).command()
 
 
 def test_a_replay_runs_the_node_on_the_clock_of_the_bag() -> None:
+    assert '--delay' not in BagPlayback('bag', delay=0.0).command()
     (contact,) = replaying(BagPlayback('b', calibration='c.npz', params_file='p.yaml')).processes
     assert contact.parameters == {'use_sim_time': True, 'calibration': 'c.npz'}
     assert contact.params_file == 'p.yaml'

@@ -22,7 +22,7 @@ from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Recording
 
 PATIENCE_S = 120.0
-TOUCHES = 60
+TOUCHES = 20
 
 
 @pytest.fixture(scope='session')

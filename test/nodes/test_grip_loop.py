@@ -132,15 +132,6 @@ def test_nothing_is_sent_before_a_grasp_and_after_a_disable() -> None:
         world.stage.grasp(2.0, (), 0.0, adapt=False)
 
 
-def test_without_joint_states_nothing_is_sent() -> None:
-    world = World('allegro_v4')
-    world.told = False
-    world.stage.grasp(2.0, (), 0.0, adapt=False)
-    made = world.run(0.5)
-    assert made.command is None
-    assert made.refusal == 'no joint states of the hand have come'
-
-
 @pytest.mark.parametrize('action', ['hold', 'open'])
 def test_the_law_does_not_run_ahead_of_a_hand_that_is_blocked(action: str) -> None:
     world = World('allegro_v4', safe_action=action)
@@ -216,42 +207,6 @@ def test_a_finger_lost_before_it_touches_is_not_counted_on() -> None:
     np.testing.assert_allclose(forces[[0, 1, 3]], [1.0, 1.0, 2.0], atol=0.1)
 
 
-@pytest.mark.parametrize('silent', [0, 3])
-def test_a_finger_lost_in_mid_transient_stays_and_the_others_go_on(silent: int) -> None:
-    world = World('allegro_v5')
-    world.run(0.2)
-    world.stage.grasp(2.0, (), 0.0, adapt=False)
-    while world.step().made.phase != GripPhase.LOAD:
-        assert world.time_s < 30.0
-    world.run(0.05)
-    world.silent = {silent}
-    at = world.step().made.closure[silent]
-    closures = [world.step().made.closure for _ in range(200)]
-    targets = world.decisions[-1].made.target_force
-    assert np.ptp([c[silent] for c in closures]) == 0.0
-    assert closures[0][silent] == pytest.approx(at, abs=0.01)
-    assert np.nanmax([d.made.force for d in world.decisions[-200:]]) <= 2.0 * 1.2
-    # without a side's third finger the springs, which do not give way, leave the balance open:
-    # it adds a fifth of its target to a finger at most
-    others = [i for i in range(4) if i != silent]
-    forces = np.array(world.forces())[others]
-    assert (forces <= 1.2 * targets[others] + 0.02).all()
-    np.testing.assert_allclose(forces, targets[others], atol=0.45)
-
-
-def test_a_fault_before_the_hold_ends_the_grasp_and_closes_no_more() -> None:
-    world = World('allegro_v5', at=5.0)
-    world.stage.grasp(2.0, (), 0.0, adapt=False)
-    world.run(0.3)
-    world.felt = False
-    made = world.until_end()
-    assert made.ended.outcome == GraspOutcome.FAULT
-    world.felt = True
-    closure = world.run(3.0).made.closure
-    # what comes back does not find the hand closing for nobody
-    assert closure.max() < 0.05
-
-
 def test_closing_on_nothing_is_no_object_and_the_hand_opens() -> None:
     world = World('qb_softhand', at=5.0)
     world.stage.grasp(2.0, (), 0.0, adapt=False)
@@ -317,30 +272,6 @@ def test_no_input_leads_out_of_the_limits_or_faster(
             moved_s = min(now_s - sent_s, 0.03)  # three periods after a pause
             assert (np.abs(position - before) <= limits.velocity * moved_s + 1e-9).all()
         before, sent_s = position, now_s
-
-
-def test_a_second_grasp_starts_where_the_hand_is_by_then() -> None:
-    world = World('allegro_v5')
-    world.holding()
-    world.stage.grasp(0.0, (), 20.0, adapt=False)
-    world.until_end()
-    world.run(0.1)
-    world.at = 5.0  # the object is taken away
-    elsewhere = world.joints.position + 0.7
-    limits = world.hand.driver.limits
-    start = np.clip(elsewhere, limits.lower, limits.upper)
-    for target in (2.0, 0.0):
-        world.put(start)
-        world.run(0.1)
-        world.stage.grasp(target, (), 20.0, adapt=False)
-        made = world.step()
-        while made.command is None:  # forces at rest tell their zero first
-            assert made.ended is None
-            made = world.step()
-        first = made.command.position
-        assert (np.abs(first - start) <= limits.velocity * 0.01 + 1e-9).all()
-        world.stage.disable()
-        world.stage.enable()
 
 
 @pytest.mark.parametrize('silent_s', [0.5, 1.5])
@@ -420,33 +351,6 @@ def test_an_outage_during_a_grasp_ends_it_as_a_fault() -> None:
     world.stage.cancel()  # that comes after the end opens nothing
     made = world.run(1.0)
     assert (made.command, made.made.phase) == (None, GripPhase.IDLE)
-
-
-def test_frozen_joint_states_are_a_fault_while_commands_move() -> None:
-    world = World('allegro_v5', at=5.0, fault_time=0.3)
-    world.run(0.2)
-    world.stage.grasp(2.0, (), 20.0, adapt=False)
-    world.deaf = True
-    made = world.until_end()
-    assert made.ended.outcome == GraspOutcome.FAULT
-    assert 'joint states are frozen' in made.ended.message
-    sent = np.array([d.command.position for d in world.decisions if d.command])
-    assert np.abs(sent - world.joints.position).max() <= world.hand.driver.most_offset + 1e-9
-
-
-def test_a_posture_beyond_the_limits_is_refused_and_named() -> None:
-    world = World('allegro_v5')
-    world.run(0.1)
-    beyond = np.where(np.eye(16)[3] > 0, 3.1, world.joints.position)
-    world.stage.grasp(2.0, (), 20.0, adapt=False)
-    for k in range(10):
-        now_s = world.time_s + 0.01 * (k + 1)
-        world.stage.take_joints(beyond, now_s)
-        for i in range(4):
-            world.stage.take_touch(i, (0.0, 0.0, 0.0), True, -1, now_s)
-        made = world.stage.step(now_s, 0)
-        assert made.command is None
-    assert made.refusal == 'joint_3_0 was measured at 3.100, beyond its limits -0.227 and 1.618'
 
 
 def test_what_is_held_is_judged_after_the_grasp_and_its_loss_is_told() -> None:

@@ -396,8 +396,8 @@ def silent_for(ros: Ros, mock: MockHandNode, fingers: Fingers) -> int:
     return before
 
 
-def test_a_newer_grasp_takes_the_place_of_the_first_with_forces_of_its_own(ros: Ros) -> None:
-    _, _, fingers = graph(ros, 'allegro_v5')
+def test_a_newer_grasp_takes_the_place_of_the_first_and_a_cancelled_one_holds(ros: Ros) -> None:
+    _, mock, fingers = graph(ros, 'allegro_v5')
     forces = [0.5, 0.5, 1.0, 2.0]
     first, second = fingers.ask(ros, 3.0), fingers.ask(ros, 0.0, forces=forces)
     status, ended = result(ros, first)
@@ -406,16 +406,9 @@ def test_a_newer_grasp_takes_the_place_of_the_first_with_forces_of_its_own(ros: 
     status, ended = result(ros, second)
     assert (status, ended.outcome) == (GoalStatus.STATUS_SUCCEEDED, Grasp.Result.HELD)
     np.testing.assert_allclose(fingers.states[-1].target_force, forces)
-
-
-def test_a_cancel_ends_the_wait_and_a_hold_goes_on(ros: Ros) -> None:
-    _, mock, fingers = graph(ros, 'allegro_v5')
     handle = fingers.ask(ros, 2.0)
-    assert ros.until(lambda: fingers.states[-1].phase == GripPhase.HOLD)
-    cancelled = handle.cancel_goal_async()
-    assert ros.until(cancelled.done)
-    status, _ = result(ros, handle)
-    assert status == GoalStatus.STATUS_CANCELED
+    ros.result(handle.cancel_goal_async())
+    assert result(ros, handle)[0] == GoalStatus.STATUS_CANCELED
     before = commands(mock)
     assert ros.until(lambda: commands(mock) > before + 10)
     assert ros.until(lambda: fingers.states[-1].phase == GripPhase.HOLD)
@@ -436,9 +429,11 @@ def test_goals_that_cannot_be_are_refused_with_their_sentences(
     assert commands(mock) == 0
 
 
-def test_forces_that_repeat_themselves_hold_what_is_held(ros: Ros) -> None:
+def test_forces_that_repeat_themselves_hold_what_is_held_and_its_loss_is_published(
+    ros: Ros, capfd: pytest.CaptureFixture[str]
+) -> None:
     # at rest: until an input counts as stale the law goes on with the error of the last
-    _, mock, fingers = graph(ros, 'allegro_v5')
+    grip, mock, fingers = graph(ros, 'allegro_v5')
     assert result(ros, fingers.ask(ros, 2.0))[1].outcome == Grasp.Result.HELD
     fingers.frozen = True
     assert ros.until(lambda: fingers.states[-1].phase == GripPhase.FAULT)
@@ -451,6 +446,11 @@ def test_forces_that_repeat_themselves_hold_what_is_held(ros: Ros) -> None:
     assert fingers.force('index') == pytest.approx(held, rel=0.01)
     fingers.frozen = False
     assert ros.until(lambda: fingers.states[-1].phase == GripPhase.HOLD)
+    fingers.free = True
+    wanted = 'the object was lost; a new grasp is needed'
+    assert ros.until(lambda: fingers.states[-1].refusal == wanted)
+    assert 'the object was lost' in capfd.readouterr().err
+    assert grip.diagnose().message == wanted
 
 
 @pytest.mark.parametrize('stamped', [True, False])
@@ -501,18 +501,6 @@ def test_a_kill_leaves_the_last_posture_which_holds(ros: Ros) -> None:
     assert fingers.force('index') == pytest.approx(first, rel=0.01)
 
 
-def test_the_loss_of_what_was_held_is_published(
-    ros: Ros, capfd: pytest.CaptureFixture[str]
-) -> None:
-    grip, _, fingers = graph(ros, 'allegro_v5')
-    assert result(ros, fingers.ask(ros, 2.0))[1].outcome == Grasp.Result.HELD
-    fingers.free = True
-    wanted = 'the object was lost; a new grasp is needed'
-    assert ros.until(lambda: fingers.states[-1].refusal == wanted)
-    assert 'the object was lost' in capfd.readouterr().err
-    assert grip.diagnose().message == wanted
-
-
 def test_a_tare_while_holding_is_named_and_a_latched_one_is_not(ros: Ros) -> None:
     grip, _, fingers = graph(ros, 'allegro_v5')
     baseline = fingers.create_publisher(TactileFrame, 'index/baseline', qos('baseline'))
@@ -548,12 +536,6 @@ def test_a_driver_whose_clock_steps_back_is_named(ros: Ros) -> None:
         r'joint states are stale \(0\.\d+ s\).*: the clock stepped back of the joint states by 0\.'
     )
     assert ros.until(lambda: said.match(fingers.states[-1].refusal)), fingers.states[-1].refusal
-
-
-def test_a_hand_of_another_prefix_is_driven(ros: Ros) -> None:
-    _, mock, fingers = graph(ros, 'allegro_v4', 'prefix:=ahl_')
-    assert result(ros, fingers.ask(ros, 2.0))[1].outcome == Grasp.Result.HELD
-    assert mock._driver.joints[0] == 'ahl_joint00'
 
 
 def test_limits_of_a_description_bound_every_command(ros: Ros) -> None:

@@ -32,13 +32,10 @@ from tactile_ros.nodes.mock_hand_node import MockHandNode
 from tactile_ros.nodes.player_node import PlayerNode
 from tactile_ros.nodes.record_node import RecordNode
 from tactile_ros.nodes.sensor_node import (
-    NOT_MEASURED,
     Reader,
     SensorDiagnostics,
     SensorNode,
-    pace,
     parse_fault,
-    temperatures,
 )
 from tactile_ros.nodes.standard_messages import TruthMessages, header_of
 from tactile_ros.sensors import list_sensors, load_sensor
@@ -422,17 +419,6 @@ def test_a_reading_that_repeats_itself_now_and_then_is_no_trouble(
     frames: int, level: bytes
 ) -> None:
     assert judged(frames, status=TaxelStatus.STALE)[0] == level
-
-
-def test_pace_and_temperatures_of_too_little_are_unknown() -> None:
-    assert np.isnan([*pace([]), *pace([5])]).all()
-    rate_hz, jitter_s = pace([0, 10_000_000])
-    assert rate_hz == pytest.approx(100.0)
-    assert np.isnan(jitter_s)
-    warm = Frame(0, 0, np.zeros((2, 3)), np.array([31.0, np.nan]))
-    assert list(temperatures(warm).values()) == [31.0, 31.0]
-    assert set(temperatures(Frame(0, 0, np.zeros((2, 3)))).values()) == {NOT_MEASURED}
-    assert set(temperatures(None).values()) == {NOT_MEASURED}
 
 
 def test_the_aggregator_sorts_every_name_that_is_published(ros: Ros, tmp_path: Path) -> None:
