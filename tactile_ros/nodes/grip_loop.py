@@ -52,7 +52,7 @@ STEP_S = 0.05  # change between wall and monotonic clock from one message to the
 class Decision:
     """One step of the law, with the command that is sent (None: nothing).
 
-    `limited`: the law or the limiter changed it; `refusal`: why the law's own was not sent; `ended`:
+    `limited`: the law or the limiter changed it; `refusal`: why its own was not sent; `ended`:
     the grasp that ended; `lost`: why what was held after its grasp is held no more.
     """
 
