@@ -22,11 +22,7 @@ class GripConfig:
     """Gains and limits of the grip-force law and of what watches over it.
 
     The defaults are those of an Allegro Hand at 100 Hz; `qb_softhand` gives a qb SoftHand's.
-
-    Raises
-    ------
-    ValueError
-        With one sentence, if a value is out of its range or two contradict each other.
+    ValueError if a value is out of its range or two contradict each other.
     """
 
     rate_hz: float = number(100.0, 'commands per second', 'Hz', 1, 1000)
@@ -92,28 +88,13 @@ class GripConfig:
 
 @dataclass(frozen=True)
 class Drive:
-    """Drive of one or more fingers, as far as the law has to know it.
+    """Drive of one or more fingers, as far as the law has to know it."""
 
-    Attributes
-    ----------
-    stiffness_low, stiffness_high : float
-        Of drive and object together, as the command meets them (N per closure).
-    own : float
-        Of the drive alone, on a rigid object (N per closure); NaN: not known.
-    spread : float
-        Factor by which `own` may be wrong either way; 1: exact.
-    fastest : float
-        Change of the command that its joints can follow (1/s).
-    travel : float
-        Of the pad along its normal, per closure (m); NaN: not known.
-    """
-
-    stiffness_low: float
+    stiffness_low: float  # of drive and object together, as the command meets them (N per closure)
     stiffness_high: float
-    own: float = nan
-    spread: float = 1.0
-    fastest: float = 1.0
-    travel: float = nan
+    own: float = nan  # of the drive alone, on a rigid object (N per closure); NaN: not known
+    spread: float = 1.0  # factor by which `own` may be wrong either way; 1: exact
+    fastest: float = 1.0  # change of the command that its joints can follow (1/s)
 
     @property
     def is_soft(self) -> bool:

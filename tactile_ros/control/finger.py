@@ -118,46 +118,30 @@ class Witness:
 
 
 class Finger:
-    """One finger: its force behind a filter as slow as its noise asks for, its targets and slip.
+    """One finger: force behind a filter as slow as its noise asks for, targets and slip."""
 
-    Attributes
-    ----------
-    law : ForcePi
-        That moves it.
-    side : int
-        +1, -1, or 0 where it opposes none.
-    used : bool
-        Whether it takes part.
-    asked, target : float
-        Force without raises, and in force now (N).
-    given : FingerInput
-        Newest input.
-    normal, sigma : float
-        Filtered force along the normal, and its noise (N).
-    touching : bool
-        Whether it touches; one whose force is not known keeps its last answer.
-    why : str
-        Why its force cannot be used; empty: it can.
-    unspent : bool
-        It has given a force that was not regulated yet.
-    regulated, mean_error : float
-        Error that its drive regulates, and mean of its own of late (N).
-    """
-
-    given: FingerInput
+    given: FingerInput  # newest
 
     def __init__(self, config: GripConfig, law: ForcePi, name: str = '', side: int = 0) -> None:
-        self._config, self.law, self.name, self.side = config, law, name, side
+        self._config, self.name = config, name
+        self.law = law  # that moves it
+        self.side = side  # +1, -1, or 0 where it opposes none
         self.slip, self.witness = SlipMargin(config), Witness(law.plant, law.reaction)
-        self.used, self.asked = True, 0.0
+        self.used = True  # it takes part
+        self.asked = 0.0  # force without raises (N)
         self.forget()
 
     def forget(self) -> None:
         """Nothing is held, and nothing is known of the next object."""
-        self.normal, self.sigma, self.mean_error = nan, self._config.force_noise, nan
-        self.touching, self.unspent = False, False
-        self.why, self.waited = 'was never heard', 0.0
-        self.on = self.target = self.regulated = 0.0
+        self.normal, self.sigma = nan, self._config.force_noise  # filtered force and noise (N)
+        self.touching = False  # one whose force is not known keeps its last answer
+        self.on = 0.0  # level of contact (N)
+        self.why = 'was never heard'  # its force cannot be used; empty: it can
+        self.waited = 0.0  # for a new force (s)
+        self.unspent = False  # it has given a force that was not regulated yet
+        self.target = 0.0  # force now (N)
+        self.regulated = 0.0  # error that its drive regulates (N)
+        self._mean_error = nan
         self.slip.reset()
         self.witness.restart()
 
@@ -257,6 +241,6 @@ class Finger:
 
     def average_error(self, time: float, dt: float) -> float:
         """Mean error of its force (N) over a time (s)."""
-        last = self.mean_error if isfinite(self.mean_error) else self.error
-        self.mean_error = last + min(dt / time, 1.0) * (self.error - last)
-        return self.mean_error
+        last = self._mean_error if isfinite(self._mean_error) else self.error
+        self._mean_error = last + min(dt / time, 1.0) * (self.error - last)
+        return self._mean_error

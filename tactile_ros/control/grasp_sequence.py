@@ -54,46 +54,22 @@ class FingerInput(NamedTuple):
 
 @dataclass(frozen=True)
 class GripInput:
-    """Forces of the fingers and places of the drives; NaN where one is not known.
+    """Forces of f fingers and places of a drives; NaN where one is not known."""
 
-    Attributes
-    ----------
-    normal, tangential : ndarray, shape (f,)
-        Force of each finger along the normal of its contact and its size across it (N).
-    valid : ndarray, shape (f,)
-        Whether the force may be used for control.
-    slip : ndarray, shape (f,)
-        1 slipping, 0 holding, -1 unknown, as the sensor says.
-    age : ndarray, shape (f,)
-        Since the force was measured (s).
-    closure : ndarray, shape (a,)
-        Measured closure of each drive.
-    closure_age : float
-        Since it was measured (s).
-    new : ndarray, shape (f,), or None
-        Forces that came since the last step: nothing is integrated twice; None: all.
-    blocked : str
-        Why nothing can be sent, so that the law does not run ahead of the hand; empty: it can.
-    sigma : ndarray, shape (f,), or None
-        Stated noise of the normal force (N); NaN or None: that of the config.
-    framed : ndarray, shape (f,), or None
-        Whether the normal is measured, and not taken to be that of the pad; None: all.
-    pressed : ndarray, shape (a,), or None
-        Force that each drive tells by its joints or torques (N); NaN or None: not known.
-    """
-
-    normal: Array
-    tangential: Array
-    valid: Bools
-    slip: npt.NDArray[np.int8]
-    age: Array
-    closure: Array
-    closure_age: float
-    new: Bools | None = None
-    blocked: str = ''
-    sigma: Array | None = None
-    framed: Bools | None = None
-    pressed: Array | None = None
+    normal: Array  # (f,) along the normal of the contact (N)
+    tangential: Array  # (f,) size across it (N)
+    valid: Bools  # (f,) whether the force may be used for control
+    slip: npt.NDArray[np.int8]  # (f,) 1 slipping, 0 holding, -1 unknown, as the sensor says
+    age: Array  # (f,) since the force was measured (s)
+    closure: Array  # (a,) measured
+    closure_age: float  # since it was measured (s)
+    new: Bools | None = None  # (f,) since the last step: none is integrated twice; None: all
+    blocked: str = ''  # why nothing can be sent, so that the law does not run ahead; empty: it can
+    sigma: Array | None = None  # (f,) stated noise of `normal` (N); NaN, None: as the config says
+    framed: Bools | None = (
+        None  # (f,) the normal is measured, not taken to be the pad's; None: all
+    )
+    pressed: Array | None = None  # (a,) that joints or torques tell (N); NaN, None: not known
 
     def refuse_misfit(self, fingers: int, drives: int) -> None:
         """Raise ValueError where an array has another shape than the fingers or drives."""
@@ -120,59 +96,26 @@ class GripInput:
 
 @dataclass(frozen=True)
 class GripStep:
-    """Decisions of the law in one step.
+    """Decisions of the law in one step, for f fingers and a drives."""
 
-    Attributes
-    ----------
-    phase : GripPhase
-        FAULT while the safe action is taken.
-    closure, contact : ndarray, shape (a,)
-        Command of each drive, and closure at which it met the object, beyond which the command
-        presses; NaN: it did not.
-    send : bool
-        Whether it is to be sent; otherwise what was sent last holds.
-    limited : bool
-        Clamped or rate limited in this step.
-    refusal : str
-        Why the law's own command is not sent: nothing is, or the hand opens; empty: sent.
-    warning : str
-        Fingers that hold their place though their force is not known; empty: none.
-    fault : str
-        Why the grasp cannot go on: a sensor that is contradicted; empty: it can.
-    target_force, force : ndarray, shape (f,)
-        Along the normal (N); a force that cannot be used is NaN.
-    friction, slip_margin : ndarray, shape (f,)
-        Estimated coefficient, NaN undefined, and (mu fn - ft) / (mu fn).
-    slipping, touching : ndarray, shape (f,)
-        Fingers that slip now; that touch, and whose force can be used.
-    stiffness : ndarray, shape (a,)
-        Estimated, of object and hand together (N per closure).
-    settled : bool
-        In HOLD, with every finger's own error small for long enough.
-    input_age : float
-        Of the oldest input in use (s), NaN if none is.
-    shut : bool
-        Every drive that feels is as closed as it may be, and one at least feels.
-    """
-
-    phase: GripPhase
-    closure: Array
-    contact: Array
-    send: bool
-    limited: bool
-    refusal: str
-    warning: str
-    fault: str
-    target_force: Array
-    force: Array
-    friction: Array
-    slip_margin: Array
-    slipping: Bools
-    touching: Bools
-    stiffness: Array
-    settled: bool
-    input_age: float
-    shut: bool
+    phase: GripPhase  # FAULT while the safe action is taken
+    closure: Array  # (a,) commands
+    contact: Array  # (a,) where each met the object and presses beyond; NaN: it did not
+    send: bool  # otherwise what was sent last holds
+    limited: bool  # clamped or rate limited in this step
+    refusal: str  # why the law's own command is not sent: nothing is, or the hand opens
+    warning: str  # fingers that hold their place though their force is not known
+    fault: str  # why the grasp cannot go on: a sensor that is contradicted
+    target_force: Array  # (f,) along the normal (N)
+    force: Array  # (f,) (N); NaN: it cannot be used
+    friction: Array  # (f,) estimated coefficient; NaN: undefined
+    slip_margin: Array  # (f,) (mu fn - ft) / (mu fn)
+    slipping: Bools  # (f,) now
+    touching: Bools  # (f,) and with a force that can be used
+    stiffness: Array  # (a,) estimated, of object and hand together (N per closure)
+    settled: bool  # in HOLD, with every finger's own error small for long enough
+    input_age: float  # of the oldest input in use (s); NaN: none is
+    shut: bool  # every drive that feels is as closed as it may be, and one at least feels
 
 
 GRASPING = (GripPhase.CLOSE, GripPhase.TOUCH, GripPhase.LOAD, GripPhase.HOLD)
@@ -217,10 +160,7 @@ class GraspSequence:
         return self.progress
 
     def judge(self, made: GripStep, dt: float) -> str:
-        """Take in a step after the end; why nothing is held any more, or empty.
-
-        Touches that fingers had last count while their forces are not known.
-        """
+        """Take in a step after the end; why nothing is held any more, or empty."""
         self._count(made, dt)
         return LOST if self._empty > LOST_TIME else ''
 
@@ -229,7 +169,7 @@ class GraspSequence:
         faulty = made.phase == GripPhase.FAULT
         self._elapsed += dt
         self._faulty = self._faulty + dt if faulty else 0.0
-        if not faulty:
+        if not faulty:  # touches that fingers had last count while forces are not known
             touching = bool(made.touching.any())
             self._had = self._had or (touching and made.phase in HOLDING)
             self._empty = 0.0 if touching else self._empty + dt

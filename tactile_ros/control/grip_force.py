@@ -63,11 +63,6 @@ class GripForce:
     names : sequence of str, length f, or None
         Of the fingers, for sentences.
 
-    Raises
-    ------
-    ValueError
-        If there is no finger, drives have gaps, or sides are others than -1, 0, 1.
-
     Examples
     --------
     >>> from tactile_ros.control.config import GripConfig
@@ -160,21 +155,10 @@ class GripForce:
     ) -> None:
         """Ask for a force; an object that is held already is loaded or relieved to it.
 
-        Parameters
-        ----------
-        target_force : array_like, shape () or (f,)
-            Along the normal, of each finger (N); shared over the sides.
-        adapt : bool
-            Whether slip and load may raise it.
-        fingers : sequence of bool, length f, or None
-            Which take part; None: all.
-        held : bool
-            The hand holds something already, though this law does not know.
-
-        Raises
-        ------
-        ValueError
-            If the law is not active, no finger takes part, or a force is out of its range.
+        `target_force`, () or (f,), is along the normal of each finger (N), shared over the sides;
+        slip and load may raise it if `adapt`. `fingers` (f,) take part (None: all); `held` says
+        that the hand holds something already, though this law does not know. ValueError if the law
+        is not active, no finger takes part, or a force is out of its range.
         """
         count = len(self.fingers)
         used = [True] * count if fingers is None else [bool(use) for use in fingers]
@@ -203,17 +187,9 @@ class GripForce:
             self.phase, self._opens, self.fault = GripPhase.RELEASE, why, ''
 
     def step(self, given: GripInput, dt: float) -> GripStep:
-        """Decide the next command from the newest inputs, a time dt (s) after the last.
+        """Command inside limits and rate, or why there is none, a time dt (s) after the last.
 
-        Returns
-        -------
-        GripStep
-            Command inside limits and rate, or why there is none.
-
-        Raises
-        ------
-        ValueError
-            If a shape differs from the fingers and drives.
+        ValueError if a shape differs from the fingers and drives.
         """
         given.refuse_misfit(len(self.fingers), len(self.laws))
         for finger, row in zip(self.fingers, given.by_finger(), strict=True):

@@ -24,6 +24,7 @@ LEAST = 0.5  # of the design friction: one slip teaches no less
 FLOOR = 0.1  # smallest design friction
 DOUBLINGS = 3  # most doublings of the time in which a slip is forgotten
 STEEPEST = 100.0  # ratio of forces: no skin holds more
+NO_FORCE = 1e6  # N: nothing that a finger feels
 
 
 def faded(dt: float, relax_time: float, slips: int) -> float:
@@ -41,8 +42,7 @@ class SlipMargin:
     friction : float
         Coefficient that the last slip taught; NaN until then.
     margin : float
-        (mu fn - ft) / (mu fn) with the coefficient to act on; NaN where the normal force is below
-        ten sigma, or a force is not known.
+        (mu fn - ft) / (mu fn) with the design friction; NaN below ten sigma or not known.
     load : float
         Tangential load (N); NaN where it is not known.
     slipping : bool
@@ -92,10 +92,10 @@ class SlipMargin:
     ) -> None:
         """Take in the newest forces (N), of a noise sigma (N), dt (s) after the last.
 
-        What is not finite is not known. The sensor says of slip 1, 0, or -1 unknown; `share` is
-        that of this force in the load, which is filtered as the noise asks for.
+        What is not finite, or no force at all, is not known. The sensor says of slip 1, 0, or -1
+        unknown; `share` is that of this force in the load, which is filtered as the noise asks for.
         """
-        if not (isfinite(normal) and isfinite(tangential)):
+        if not (isfinite(normal) and abs(tangential) < NO_FORCE):
             self.invalidate()
             self.slipping = said == 1
             return

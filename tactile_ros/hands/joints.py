@@ -111,18 +111,14 @@ def _between(values: Array, low: Array, high: Array) -> Array:
 
 
 class Guarded(NamedTuple):
-    """Admitted command: targets (j,) (rad) and torque caps (j,) (N m; NaN: none).
+    """Admitted command of j joints and a drives."""
 
-    `closure` and `reach` (a,) are what the drives are sent in fact, and how far they would come in
-    time; `clipped` (a,) where a drive gives all its torque.
-    """
-
-    position: Array
-    effort: Array
-    limited: bool
-    closure: Array
-    reach: Array
-    clipped: list[bool]
+    position: Array  # (j,) targets (rad)
+    effort: Array  # (j,) torque caps (N m); NaN: none
+    limited: bool  # it is not what was wanted
+    closure: Array  # (a,) that is sent in fact
+    reach: Array  # (a,) to which the drives would come in time
+    clipped: list[bool]  # (a,) the drive gives all its torque
 
 
 class HandJoints:
@@ -153,7 +149,7 @@ class HandJoints:
             fastest, own = finger.fastest(self._limits.velocity[place]), finger.stiffness
             if isfinite(own):
                 low, high = SOFTEST * own / finger.kp_factor, STIFFEST * own
-            made.append(Drive(low, high, own, finger.kp_factor, fastest, finger.travel))
+            made.append(Drive(low, high, own, finger.kp_factor, fastest))
         return made
 
     def closures_of(self, position: Array) -> Array:
@@ -220,19 +216,10 @@ class HandJoints:
     ) -> Guarded:
         """Joints of the drives' closures; the first command moves nothing.
 
-        Parameters
-        ----------
-        closures, contacts : ndarray, shape (a,)
-            Of each drive: command, and closure beyond which it presses; NaN: it does not.
-        forces : list of float
-            Target force of each drive (N), which torque caps follow.
-        measured, lead : ndarray, shape (j,)
-            Where the joints are, and by how much their commands lead them where they hold
-            something that this process did not grip; NaN: not known.
-        dt, elapsed : float
-            Of the step, and in which the joints may move: since the last command (s).
-        now_s : float
-            Time of the command (s).
+        A drive presses beyond its contact (a,) (NaN: it does not); torque caps follow its target
+        force (N). `measured` (j,) is where the joints are, `lead` (j,) by how much their commands
+        lead them where they hold what this process did not grip (NaN: not known). `dt` is that of
+        the step, `elapsed` the time in which the joints may move: since the last command (s).
         """
         first = self.limiter.last is None
         if first:

@@ -112,7 +112,7 @@ def test_what_is_needed_leaves_the_margin() -> None:
     assert slip.margin == pytest.approx(0.3, abs=0.001)
 
 
-@pytest.mark.parametrize('bad', [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize('bad', [np.nan, np.inf, -np.inf, 1e308])
 def test_unknown_forces_are_no_slip_and_no_number(bad: float) -> None:
     slip = loaded()
     slip.step(2.0, bad, -1, NOISE, 0.01)
