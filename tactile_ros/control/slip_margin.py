@@ -93,7 +93,7 @@ class SlipMargin:
         """Take in the newest forces (N), of a noise sigma (N), dt (s) after the last.
 
         What is not finite, or no force at all, is not known. The sensor says of slip 1, 0, or -1
-        unknown; `share` is that of this force in the load, which is filtered as the noise asks for.
+        unknown; `share` is that of this force in the load, filtered as the noise asks for.
         """
         if not (isfinite(normal) and abs(tangential) < NO_FORCE):
             self.invalidate()
