@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Gains and limits: one sentence for what cannot be."""
+"""Gains and limits of a grip."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from tactile_ros.control import GripConfig, qb_softhand
         ({'stiffness_low': 400.0}, 'stiffness_low of GripConfig must be below stiffness_high'),
     ],
 )  # fmt: skip
-def test_what_cannot_be_is_refused(change: dict[str, float], sentence: str) -> None:
+def test_grip_config_refuses_in_one_sentence(change: dict[str, float], sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence.replace('.', r'\.')):
         dataclasses.replace(GripConfig(), **change)
 
 
-def test_fifteen_fields_say_what_they_are() -> None:
+def test_grip_config_has_fifteen_fields_with_help() -> None:
     assert len(dataclasses.fields(GripConfig)) <= 15
     for field in dataclasses.fields(GripConfig):
         assert field.metadata['help']
 
 
-def test_stale_is_never_fewer_than_three_periods() -> None:
+def test_grip_config_stale_age_is_at_least_three_periods() -> None:
     assert GripConfig().stale_age == 0.1
     assert GripConfig(input_rate_hz=10.0).stale_age == pytest.approx(0.3)
     assert qb_softhand().stale_age == pytest.approx(3 / 25)

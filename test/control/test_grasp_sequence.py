@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""How a grasp ends."""
+"""Ends of a grasp, and of what is held after it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tactile_ros.control import (
-    GraspOutcome,
-    GraspSequence,
-    GripConfig,
-    GripPhase,
-    GripStep,
-)
+from tactile_ros.control import GraspOutcome, GraspSequence, GripConfig, GripPhase, GripStep
 
 CONFIG = GripConfig()
 MADE = GripStep(
@@ -22,85 +16,80 @@ MADE = GripStep(
     np.array([2.0]), np.array([0.0]), np.array([np.nan]), np.array([np.nan]), np.array([False]),
     np.array([False]), np.array([60.0]), False, 0.0, False,
 )  # fmt: skip
-CLOSING = {}
-TOUCHES = {'touching': np.array([True])}
-LOADING = {**TOUCHES, 'phase': GripPhase.LOAD}
-HELD = {**TOUCHES, 'phase': GripPhase.HOLD, 'settled': True}
-LOST = {'phase': GripPhase.HOLD}
-SHUT = {'shut': True}
-FAULT = {'phase': GripPhase.FAULT, 'refusal': 'finger 0 is stale (0.2 s)'}
-OPENS = {'phase': GripPhase.RELEASE}
+TOUCHED = np.array([True])
+STEPS = {
+    'closing': MADE,
+    'loading': dataclasses.replace(MADE, touching=TOUCHED, phase=GripPhase.LOAD),
+    'held': dataclasses.replace(MADE, touching=TOUCHED, phase=GripPhase.HOLD, settled=True),
+    'lost': dataclasses.replace(MADE, phase=GripPhase.HOLD),
+    'shut': dataclasses.replace(MADE, shut=True),
+    'shut on it': dataclasses.replace(MADE, shut=True, touching=TOUCHED),
+    'stale': dataclasses.replace(MADE, phase=GripPhase.FAULT, refusal='finger 0 is stale'),
+    'contradicted': dataclasses.replace(MADE, phase=GripPhase.FAULT, fault='thumb reads nothing'),
+    'opens': dataclasses.replace(MADE, phase=GripPhase.RELEASE),
+    'open': dataclasses.replace(MADE, phase=GripPhase.IDLE),
+}
+END = GraspOutcome
 
 
 @pytest.mark.parametrize(
-    ('steps', 'outcome'),
+    ('steps', 'outcome', 'message'),
     [
-        ([(CLOSING, 100), (LOADING, 10), (HELD, 1)], GraspOutcome.HELD),
-        ([(CLOSING, 100), (LOADING, 10), (LOST, 25)], GraspOutcome.SLIPPED),
-        ([(CLOSING, 100), (LOADING, 10), (LOST, 15), (LOADING, 5)], None),
-        ([(CLOSING, 100), (SHUT, 25)], GraspOutcome.NO_OBJECT),
-        ([(CLOSING, 100), ({**SHUT, **TOUCHES}, 100)], None),
-        ([(CLOSING, 310)], GraspOutcome.TIMEOUT),
-        ([(CLOSING, 10), (FAULT, 110)], GraspOutcome.FAULT),
-        ([(CLOSING, 10), (FAULT, 50), (CLOSING, 1), (FAULT, 60)], None),
-        ([(CLOSING, 10), (OPENS, 1)], GraspOutcome.FAULT),
-        ([(CLOSING, 10), (HELD, 1), (LOST, 100)], GraspOutcome.HELD),
+        ({'closing': 100, 'loading': 10, 'held': 1}, END.HELD, 'held at the asked force'),
+        ({'closing': 100, 'loading': 10, 'lost': 25}, END.SLIPPED, 'the object was lost'),
+        ({'loading': 10, 'lost': 15, 'shut on it': 5, 'closing': 1}, None, 'close'),
+        ({'closing': 100, 'shut': 25}, END.NO_OBJECT, 'closed without touching anything'),
+        ({'closing': 100, 'shut on it': 100}, None, 'close'),
+        ({'closing': 310}, END.TIMEOUT, 'not held within 3 s'),
+        ({'closing': 10, 'stale': 110}, END.FAULT, 'finger 0 is stale'),
+        ({'stale': 50, 'closing': 1}, None, 'close'),
+        ({'contradicted': 1}, END.FAULT, 'thumb reads nothing'),
+        ({'closing': 10, 'opens': 1}, END.FAULT, 'the grip was released'),
+        ({'closing': 10, 'held': 1, 'lost': 100}, END.HELD, 'held at the asked force'),
     ],
 )
-def test_outcomes(
-    steps: list[tuple[dict[str, object], int]], outcome: GraspOutcome | None
+def test_grasp_sequence_ends(
+    steps: dict[str, int], outcome: GraspOutcome | None, message: str
 ) -> None:
     sequence = GraspSequence(CONFIG, timeout=3.0)
-    for change, count in steps:
+    for name, count in steps.items():
         for _ in range(count):
-            progress = sequence.step(dataclasses.replace(MADE, **change), 0.01)  # type: ignore[arg-type]
-    assert progress.outcome == outcome
-    assert progress.message
+            progress = sequence.step(STEPS[name], 0.01)
+    assert (progress.outcome, progress.message) == (outcome, message)
 
 
-def test_a_contradicted_sensor_ends_a_grasp_at_once() -> None:
-    bad = dataclasses.replace(MADE, phase=GripPhase.FAULT, fault='thumb reads nothing')
-    progress = GraspSequence(CONFIG).step(bad, 0.01)
-    assert (progress.outcome, progress.message) == (GraspOutcome.FAULT, 'thumb reads nothing')
-
-
-def test_a_fault_says_why() -> None:
-    sequence = GraspSequence(CONFIG)
-    for _ in range(110):
-        progress = sequence.step(dataclasses.replace(MADE, **FAULT), 0.01)  # type: ignore[arg-type]
-    assert progress.message == 'finger 0 is stale (0.2 s)'
+@pytest.mark.parametrize(
+    ('last', 'outcome', 'message'),
+    [('opens', END.TIMEOUT, 'not open within 2 s'), ('open', END.NO_OBJECT, 'the hand is open')],
+)
+def test_grasp_sequence_ends_an_opening(last: str, outcome: GraspOutcome, message: str) -> None:
+    sequence = GraspSequence(CONFIG, 2.0, opens=True)
+    for _ in range(201):
+        progress = sequence.step(STEPS[last], 0.01)
+    assert (progress.outcome, progress.message) == (outcome, message)
 
 
 @pytest.mark.parametrize('timeout', [-1.0, float('nan'), float('inf')])
-def test_a_timeout_that_cannot_be(timeout: float) -> None:
+def test_grasp_sequence_refuses_a_timeout(timeout: float) -> None:
     with pytest.raises(ValueError, match='timeout of a grasp must be 0 or more seconds'):
         GraspSequence(CONFIG, timeout)
-
-
-@pytest.mark.parametrize(('opens', 'change'), [(False, CLOSING), (True, OPENS)])
-def test_a_goal_ends_at_its_timeout(opens: bool, change: dict[str, object]) -> None:
-    sequence = GraspSequence(CONFIG, 2.0, opens)
-    for _ in range(201):
-        progress = sequence.step(dataclasses.replace(MADE, **change), 0.01)  # type: ignore[arg-type]
-    assert progress.outcome == GraspOutcome.TIMEOUT
-    assert progress.message.endswith('within 2 s')
 
 
 @pytest.mark.parametrize(
     ('steps', 'lost'),
     [
-        ([(HELD, 500)], False),
-        ([(HELD, 5), (LOST, 15), (HELD, 1), (LOST, 15)], False),
-        ([(HELD, 5), (LOST, 25)], True),
-        ([(HELD, 5), (FAULT, 500)], False),
-        ([(HELD, 5), (LOST, 15), (FAULT, 50), (LOST, 10)], True),
+        ([('held', 500)], False),
+        ([('held', 5), ('lost', 15), ('held', 1), ('lost', 15)], False),
+        ([('held', 5), ('lost', 25)], True),
+        ([('held', 5), ('stale', 500)], False),
+        ([('held', 5), ('lost', 15), ('stale', 50), ('lost', 10)], True),
     ],
 )
-def test_what_is_held_is_judged_as_long_as_it_is(
-    steps: list[tuple[dict[str, object], int]], lost: bool
+def test_grasp_sequence_judges_what_is_held_as_long_as_it_is(
+    steps: list[tuple[str, int]], lost: bool
 ) -> None:
     kept = GraspSequence(CONFIG)
-    for change, count in steps:
+    for name, count in steps:
         for _ in range(count):
-            why = kept.judge(dataclasses.replace(MADE, **change), 0.01)  # type: ignore[arg-type]
+            why = kept.judge(STEPS[name], 0.01)
     assert why == ('the object was lost' if lost else '')
