@@ -57,16 +57,17 @@ class Finger:
 
     def __post_init__(self) -> None:
         """Hold every value to its range and length."""
-        for name in ('lever', 'kp', 'torque'):
-            if np.size(getattr(self, name)) == 1 and len(self.joints) > 1:
-                each = np.repeat(np.ravel(getattr(self, name)), len(self.joints))
-                object.__setattr__(self, name, each)
         admit(self)
+        count = len(self.joints)
         for name in ('open', 'pre_grasp', 'closing', 'lever', 'kp', 'torque'):
-            if len(getattr(self, name)) != len(self.joints):
+            values = getattr(self, name)
+            if len(values) == 1 and name in ('lever', 'kp', 'torque'):
+                values = np.repeat(values, count)
+                object.__setattr__(self, name, values)
+            if len(values) != count:
                 msg = (
-                    f'{name} of Finger must have one number for each of its {len(self.joints)} '
-                    f'joints; received {len(getattr(self, name))}'
+                    f'{name} of Finger must have one number for each of its {count} joints; '
+                    f'received {len(values)}'
                 )
                 raise ValueError(msg)
         if not self.closing.any():
@@ -124,8 +125,7 @@ class Finger:
         """Closure that joints (n,) lack which were sent instead of those of a closure.
 
         Where drives press it is the force that is lacking; before that it is the way of the joint
-        which comes closest: where one follows, the finger still closes. Joints that hardly move
-        on the way tell nothing of it.
+        which comes closest: where one follows, the finger still closes.
         """
         if self.is_soft and closure > contact:
             return float(self.lever @ (wanted - sent)) / self.travel
@@ -175,8 +175,7 @@ class Finger:
     def reach(self, lower: Array, upper: Array, most_offset: float) -> float:
         """Largest force of the pad (N) that its drives give where they can best; inf: not known.
 
-        Bounded by the clip of each torque, and by how far a target may lead its joint, with the
-        largest gain that it may have.
+        Torques are clipped, and bounded by how far a target may lead its joint.
         """
         if not self.is_soft:
             return float('inf')
@@ -291,22 +290,25 @@ class HandDescription:
 
         ValueError where that leaves a finger no way to close.
         """
+        lower, upper = limits.lower, limits.upper
         effort = limits.effort if np.isfinite(limits.effort).all() else None
         driver = replace(
-            self.driver,
-            lower=limits.lower, upper=limits.upper, velocity=limits.velocity, effort=effort,
-        )  # fmt: skip
+            self.driver, lower=lower, upper=upper, velocity=limits.velocity, effort=effort
+        )
         drawn = {}
         for name, finger in self.fingers.items():
             place = self.places(name)
-            low, high = limits.lower[place], limits.upper[place]
-            pre_grasp = np.clip(finger.pre_grasp, low, high)
-            closing = np.clip(finger.pre_grasp + finger.closing, low, high) - pre_grasp
-            if not closing.any():
-                msg = f'finger {name} of hand {self.name} cannot close within {low} and {high}'
+            opened, begun, closed = np.clip(
+                [finger.open, finger.pre_grasp, finger.pre_grasp + finger.closing],
+                lower[place], upper[place],
+            )  # fmt: skip
+            if (closed == begun).all():
+                msg = (
+                    f'finger {name} of hand {self.name} cannot close within {lower[place]} and '
+                    f'{upper[place]}'
+                )
                 raise ValueError(msg)
-            opened = np.clip(finger.open, low, high)
-            drawn[name] = replace(finger, open=opened, pre_grasp=pre_grasp, closing=closing)
+            drawn[name] = replace(finger, open=opened, pre_grasp=begun, closing=closed - begun)
         return HandDescription(self.name, driver, drawn)
 
 

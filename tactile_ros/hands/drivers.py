@@ -94,7 +94,7 @@ class HandDriver:
                     f'{count} joints; received {len(values)}'
                 )
                 raise ValueError(msg)
-        _ = self.limits
+        _ = self.limits  # which hold to each other
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -177,13 +177,11 @@ def read_joint_states(message: Message, joints: tuple[str, ...]) -> Array | None
     ValueError if it is about some of the joints only, or a position is missing or not finite.
     """
     names = list(message.name)
-    found = [names.index(name) if name in names else -1 for name in joints]
-    if max(found) < 0:
+    missing = [name for name in joints if name not in names]
+    if len(missing) == len(joints):
         return None
-    if min(found) < 0:
-        msg = (
-            f'joint states must be of all joints of the hand; {joints[found.index(-1)]} is missing'
-        )
+    if missing:
+        msg = f'joint states must be of all joints of the hand; {missing[0]} is missing'
         raise ValueError(msg)
     if len(message.position) != len(names):
         msg = (
@@ -191,7 +189,7 @@ def read_joint_states(message: Message, joints: tuple[str, ...]) -> Array | None
             f'received {len(message.position)}'
         )
         raise ValueError(msg)
-    position = np.array([message.position[place] for place in found], np.float64)
+    position = np.array([message.position[names.index(name)] for name in joints], np.float64)
     if not np.isfinite(position).all():
         msg = f'positions of joint states must be finite; received {position.tolist()}'
         raise ValueError(msg[:300])

@@ -124,11 +124,7 @@ def _joint(element: ET.Element) -> Joint:
 
 
 class RobotDescription:
-    """Joints of a URDF.
-
-    ValueError with one sentence where the text is none, too large, or has a document type or
-    entities.
-    """
+    """Joints of a URDF; ValueError where the text is none, too large, or has a document type."""
 
     def __init__(self, text: str) -> None:
         if len(text) > MOST_CHARACTERS:
@@ -152,8 +148,7 @@ class RobotDescription:
     def limits(self, names: tuple[str, ...], otherwise: JointLimits) -> JointLimits:
         """Limits of joints; what the description does not say is taken from `otherwise`.
 
-        Of speeds and torques the smaller holds: descriptions have placeholders there. ValueError
-        if a joint is not in the description.
+        Of speeds and torques the smaller holds: descriptions have placeholders there.
         """
         missing = [name for name in names if name not in self.joints]
         if missing:
@@ -162,9 +157,8 @@ class RobotDescription:
         said = np.array([self.joints[name].limits for name in names])
         known = np.isfinite(said)
         known[:, 2:] &= said[:, 2:] > 0  # zero stands for "not known" in many descriptions
-        other = np.stack(
-            [otherwise.lower, otherwise.upper, otherwise.velocity, otherwise.effort], axis=1
-        )
+        rest = otherwise
+        other = np.stack([rest.lower, rest.upper, rest.velocity, rest.effort], axis=1)
         taken = np.where(known, said, other)
         taken[:, 2:] = np.minimum(taken[:, 2:], other[:, 2:])
         return JointLimits(*taken.T)
@@ -193,10 +187,7 @@ class RobotDescription:
         return place
 
     def refuse_misfit(self, hand: str, fingers: Mapping[str, Finger]) -> None:
-        """Raise ValueError where thumb and fingers of a hand do not meet here as they close.
-
-        The postures are those of another hand then: of a right one, say, on a left one.
-        """
+        """Raise ValueError where thumb and fingers of a hand do not meet here as they close."""
         tips: dict[int, list[Array]] = {0: [], 1: [], -1: []}
         for finger in fingers.values():
             tips[finger.side].append(self.fingertip(finger.joints, finger.posture(1.0)))
@@ -213,7 +204,6 @@ class RobotDescription:
     def chain(self, frame: str, joints: tuple[str, ...], tip_offset: float = 0.0) -> Chain:
         """Chain from the parent of a finger's first joint to the link `frame` of its pad.
 
-        The pad lies by `tip_offset` (m) farther from the last of the joints than described.
         ValueError if the link is not there, or the joints of the finger do not lie above it.
         """
         if frame not in self._above:
