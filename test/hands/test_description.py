@@ -53,35 +53,12 @@ def test_finger_speed_and_caps_are_those_of_its_joints() -> None:
     assert np.isnan(replace(FINGER, lever=[0.0]).caps(4.0)).all()
 
 
-@pytest.mark.parametrize(
-    ('change', 'sentence'),
-    [
-        ({'open': [0.0]}, 'open of Finger must have one number for each of its 2 joints'),
-        ({'closing': [0.0, 0.0]}, 'closing of Finger must move at least one joint'),
-        ({'closing': [0.0, np.nan]}, 'closing of Finger must be finite'),
-        ({'sensors': ('<b>',)}, 'sensors of Finger must be at most'),
-        ({'side': 2}, 'side of Finger must be a whole number from -1 to 1'),
-    ],
-)
-def test_finger_refuses_in_one_sentence(change: dict[str, object], sentence: str) -> None:
-    good = {
-        'joints': ('a', 'b'), 'open': [0.0, 0.0], 'pre_grasp': [0.0, 0.0], 'closing': [1.0, 1.0],
-    }  # fmt: skip
-    with pytest.raises(ValueError, match='^' + sentence):
-        Finger(**{**good, **change})
-
-
 def test_finger_shortfall_is_of_the_joint_that_comes_closest() -> None:
-    finger = Finger(
-        joints=('a', 'b', 'c'), open=np.zeros(3), pre_grasp=np.zeros(3),
-        closing=np.array([1.0, -0.5, 0.0]),
-    )  # fmt: skip
-    wanted = finger.posture(0.8)
-    assert finger.shortfall(0.8, np.nan, wanted, wanted) == 0.0
-    assert finger.shortfall(0.8, np.nan, wanted, finger.posture(0.6)) == pytest.approx(0.2)
-    sent = np.array([0.3, wanted[1], 0.0])
-    assert finger.shortfall(0.8, np.nan, wanted, sent) == 0.0
-    assert finger.shortfall(0.8, np.nan, wanted, finger.posture(0.9)) == pytest.approx(-0.1)
+    wanted = FINGER.posture(0.8)
+    halfway = np.array([0.0, wanted[1], 0.1])
+    for sent, lacks in ((wanted, 0.0), (FINGER.posture(0.6), 0.2), (halfway, 0.0),
+                        (FINGER.posture(0.9), -0.1)):  # fmt: skip
+        assert FINGER.shortfall(0.8, np.nan, wanted, sent) == pytest.approx(lacks)
 
 
 def test_finger_reach_is_that_of_its_weakest_joint() -> None:
@@ -188,6 +165,9 @@ def test_driven_by_renames_joints_by_place(
             hand.driven_by(replace(hand.driver, names=('left_finger_joint', 'x')))
 
 
+LEFT = {'joints': ['a'], 'open': [0.1], 'pre_grasp': [0.2], 'closing': [0.5], 'sensors': ['l']}
+
+
 @pytest.mark.parametrize(
     ('change', 'sentence'),
     [
@@ -201,25 +181,20 @@ def test_driven_by_renames_joints_by_place(
         ({'options': {'speed': 1}}, 'options of mine must have none but .* received speed'),
         ({'options': {'names': ['a', 'b']}}, 'options of mine: lower of JointTrajectoryHand must'),
         ({'options': {'names': 3}}, 'options of mine:'),
+        ({'joints': ['x']}, 'finger left of hand mine: joints must be those of the hand'),
+        ({'open': [1.5]}, 'open of finger left of hand mine must lie within the limits'),
+        ({'open': [0.0, 0.0]}, 'finger left: open of Finger must have one number for each of its'),
+        ({'closing': [0.0]}, 'finger left: closing of Finger must move at least one joint'),
+        ({'closing': [np.nan]}, 'finger left: closing of Finger must be finite'),
+        ({'sensors': ['<b>']}, 'finger left: sensors of Finger must be at most'),
+        ({'side': 2}, 'finger left: side of Finger must be a whole number from -1 to 1'),
     ],
 )
 def test_parse_refuses_in_one_sentence(change: dict[str, object], sentence: str) -> None:
+    if not change.keys() <= {'driver', 'extra', 'fingers', 'options'}:
+        change = {'fingers': {'left': {**LEFT, **change}}}
     with pytest.raises(ValueError, match='^' + sentence):
         parse('mine', document(**change))
-
-
-@pytest.mark.parametrize(
-    ('joints', 'posture', 'sentence'),
-    [
-        (['x'], [0.1], 'finger left of hand mine: joints must be those of the hand'),
-        (['a'], [1.5], 'open of finger left of hand mine must lie within the limits'),
-    ],
-)
-def test_parse_fits_fingers_to_their_driver(joints: list, posture: list, sentence: str) -> None:
-    content = document()
-    content['fingers']['left'].update(joints=joints, open=posture)
-    with pytest.raises(ValueError, match=sentence):
-        parse('mine', content)
 
 
 @pytest.mark.parametrize(

@@ -144,16 +144,17 @@ def test_allegro_plexus_caps_no_higher_than_its_driver_allows() -> None:
         np.testing.assert_allclose(message.data, sent)
 
 
-def test_drivers_limits() -> None:
-    v4, v5 = load_hand('allegro_v4').driver.limits, load_hand('allegro_v5').driver.limits
-    assert (v4.lower[0], v4.upper[0]) == (0.263, 1.396)
-    assert (v5.lower[0], v5.upper[0]) == (-0.47, 0.47)
-    assert (v5.lower[12], v5.upper[12]) == (0.0, 1.78)
-    sense = load_hand('allegro_v5_sense').driver.limits
-    assert (sense.lower[0], sense.upper[0]) == (-0.7, 0.262)
-    assert (sense.lower[8], sense.upper[8]) == (-0.262, 0.7)
-    two = load_hand('qb_softhand_2m').driver.limits
-    assert (two.lower.tolist(), two.upper.tolist()) == ([0, -1], [1, 1])
+@pytest.mark.parametrize(
+    ('name', 'joint', 'low', 'high'),
+    [
+        ('allegro_v4', 0, 0.263, 1.396), ('allegro_v5', 0, -0.47, 0.47),
+        ('allegro_v5', 12, 0.0, 1.78), ('allegro_v5_sense', 0, -0.7, 0.262),
+        ('allegro_v5_sense', 8, -0.262, 0.7), ('qb_softhand_2m', 1, -1.0, 1.0),
+    ],
+)  # fmt: skip
+def test_drivers_limits(name: str, joint: int, low: float, high: float) -> None:
+    limits = load_hand(name).driver.limits
+    assert (limits.lower[joint], limits.upper[joint]) == (low, high)
 
 
 @pytest.mark.parametrize(
@@ -174,27 +175,23 @@ def test_drivers_refuse_in_one_sentence(
         load_driver(name)(**change)
 
 
-def states(names: list[str], position: list[float]) -> SimpleNamespace:
-    return SimpleNamespace(name=names, position=position)
-
-
-def test_read_joint_states_by_name_among_others() -> None:
-    message = states(['elbow', 'b', 'a'], [9.0, 2.0, 1.0])
-    np.testing.assert_array_equal(read_joint_states(message, ('a', 'b')), [1.0, 2.0])
-    assert read_joint_states(states(['elbow'], [9.0]), ('a', 'b')) is None
-
-
 @pytest.mark.parametrize(
-    ('message', 'sentence'),
+    ('names', 'position', 'sentence'),
     [
-        (states(['a'], [1.0]), 'must be of all joints of the hand; b is missing'),
-        (states(['a', 'b'], [1.0]), 'must have one position for each of 2 names'),
-        (states(['a', 'b'], [1.0, float('nan')]), 'must be finite'),
+        (['elbow', 'b', 'a'], [9.0, 2.0, 1.0], ''),
+        (['a'], [1.0], 'must be of all joints of the hand; b is missing'),
+        (['a', 'b'], [1.0], 'must have one position for each of 2 names'),
+        (['a', 'b'], [1.0, float('nan')], 'must be finite'),
     ],
 )
-def test_read_joint_states_refuses_damaged_ones(message: SimpleNamespace, sentence: str) -> None:
-    with pytest.raises(ValueError, match=sentence):
-        read_joint_states(message, ('a', 'b'))
+def test_read_joint_states_by_name(names: list[str], position: list[float], sentence: str) -> None:
+    message = SimpleNamespace(name=names, position=position)
+    if sentence:
+        with pytest.raises(ValueError, match=sentence):
+            read_joint_states(message, ('a', 'b'))
+    else:
+        np.testing.assert_array_equal(read_joint_states(message, ('a', 'b')), [1.0, 2.0])
+        assert read_joint_states(message, ('x', 'y')) is None
 
 
 @pytest.mark.parametrize('name', INTERFACES)
