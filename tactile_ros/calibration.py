@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.errors import CalibrationError
-from tactile_ros.files import write_beside
+from tactile_ros.files import write_atomically
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -57,7 +57,7 @@ def write(path: str | Path, arrays: Mapping[str, npt.NDArray[np.generic]]) -> No
     buffer = io.BytesIO()
     about = {'schema': np.array(SCHEMA), 'sha256': np.array(digest(arrays))}
     np.savez_compressed(buffer, **about, **dict(arrays))  # type: ignore[arg-type]
-    write_beside(path, buffer.getvalue())
+    write_atomically(path, buffer.getvalue())
 
 
 def read(path: str | Path) -> Arrays:

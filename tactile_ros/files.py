@@ -27,7 +27,7 @@ LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # the same in C, where i
 MOST_YAML_BYTES, MOST_YAML_NODES = 1_000_000, 100_000
 
 
-def write_beside(path: str | os.PathLike[str], data: bytes) -> Path:
+def write_atomically(path: str | os.PathLike[str], data: bytes) -> Path:
     """Write a file so that no reader, and no interrupted program, ever sees half of it.
 
     It is on the disk when this returns: after a loss of power it is the new one or the old one.
@@ -59,7 +59,7 @@ def write_beside(path: str | os.PathLike[str], data: bytes) -> Path:
 
 
 @contextmanager
-def folder_beside(path: str | os.PathLike[str]) -> Iterator[Path]:
+def temporary_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Give the place of a folder to make, which gets the name `path` once it is whole.
 
     Raises TactileError where something has that name already.

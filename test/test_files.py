@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 
 from tactile_ros.errors import TactileError
-from tactile_ros.files import MOST_YAML_NODES, UNFINISHED, read_yaml, write_beside
+from tactile_ros.files import MOST_YAML_NODES, UNFINISHED, read_yaml, write_atomically
 
 
-def test_write_beside_is_whole_or_not_at_all(
+def test_write_atomically_is_whole_or_not_at_all(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = write_beside(tmp_path / 'deep' / 'a.json', b'old')
+    path = write_atomically(tmp_path / 'deep' / 'a.json', b'old')
     assert path.stat().st_mode & 0o777 == 0o666 & ~umask()
 
     def full(*_: object) -> None:
@@ -25,7 +25,7 @@ def test_write_beside_is_whole_or_not_at_all(
 
     monkeypatch.setattr(os, 'fsync', full)
     with pytest.raises(OSError, match='No space'):
-        write_beside(path, b'new')
+        write_atomically(path, b'new')
     assert path.read_bytes() == b'old'
     assert [one.name for one in path.parent.iterdir()] == ['a.json']
     assert not UNFINISHED
@@ -52,24 +52,24 @@ def special(path: Path, kind: str) -> None:
 
 
 @pytest.mark.parametrize('kind', ['pipe', 'link', 'folder', 'socket'])
-def test_write_beside_refuses_what_is_no_plain_file(tmp_path: Path, kind: str) -> None:
+def test_write_atomically_refuses_what_is_no_plain_file(tmp_path: Path, kind: str) -> None:
     path = tmp_path / 'out'
     special(path, kind)
     with pytest.raises(TactileError, match=f'out is a {kind}; name a plain file'):
-        write_beside(path, b'x')
+        write_atomically(path, b'x')
     assert not (tmp_path / 'elsewhere').exists()
 
 
-def test_write_beside_refuses_a_device() -> None:
+def test_write_atomically_refuses_a_device() -> None:
     with pytest.raises(TactileError, match='/dev/null is a device'):
-        write_beside('/dev/null', b'x')
+        write_atomically('/dev/null', b'x')
 
 
-def test_write_beside_does_not_follow_a_planted_link(tmp_path: Path) -> None:
+def test_write_atomically_does_not_follow_a_planted_link(tmp_path: Path) -> None:
     victim = tmp_path / 'victim'
     victim.write_bytes(b'mine')
     (tmp_path / f'.a.json.{os.getpid()}.part').symlink_to(victim)
-    write_beside(tmp_path / 'a.json', b'x')
+    write_atomically(tmp_path / 'a.json', b'x')
     assert victim.read_bytes() == b'mine'
 
 

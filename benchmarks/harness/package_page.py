@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tactile_ros import __version__
-from tactile_ros.calibration import write_beside
+from tactile_ros.calibration import write_atomically
 from tactile_ros.evaluation.figures import (
     LEFT,
     LETTER,
@@ -409,7 +409,7 @@ def write_package_report(
     command : str
         That makes this page again.
     """
-    return write_beside(path, render_package(files, problems, command).encode())
+    return write_atomically(path, render_package(files, problems, command).encode())
 
 
 def render_package(files: Sequence[BenchFile], problems: Sequence[str], command: str) -> str:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal, TypedDict, TypeVar, cast
 
 import numpy as np
 
-from tactile_ros.calibration import write_beside
+from tactile_ros.calibration import write_atomically
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.report import environment
 
@@ -119,7 +119,7 @@ class BenchResult:
     def draw(self, folder: Path) -> list[Path]:
         """Write every drawing as `<bench>_<name>.svg` into `folder`; return their paths."""
         return [
-            write_beside(folder / f'{self.bench}_{name}.svg', drawing.encode())
+            write_atomically(folder / f'{self.bench}_{name}.svg', drawing.encode())
             for name, drawing in self.drawings.items()
         ]
 
@@ -137,7 +137,7 @@ class BenchResult:
             'notes': self.notes,
         }
         text = json.dumps(document, indent=1, allow_nan=False) + '\n'
-        return write_beside(folder / f'{self.bench}.json', text.encode())
+        return write_atomically(folder / f'{self.bench}.json', text.encode())
 
 
 def within(

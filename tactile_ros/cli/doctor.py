@@ -171,7 +171,7 @@ def run_bag(options: argparse.Namespace) -> int:
     if options.sensor is not None:
         raise ValueError('--sensor must stand without a bag; received both')
     if options.repair is not None and os.path.lexists(options.repair):
-        raise ValueError(f'--repair must name a new folder; {options.repair} exists already')
+        raise TactileError(f'--repair must name a new folder; {options.repair} exists already')
     with working(f'reading {options.bag}'):
         check = check_bag(options.bag)
     found = bag_findings(check)

@@ -23,7 +23,7 @@ from string import Template
 
 from tactile_ros.cli.console import refuse_unwritable
 from tactile_ros.errors import TactileError, plain
-from tactile_ros.files import folder_beside, write_beside
+from tactile_ros.files import temporary_folder, write_atomically
 from tactile_ros.sensors import list_sensors
 from tactile_ros.sensors.registry import ALIASES
 
@@ -189,8 +189,8 @@ def run(options: argparse.Namespace) -> int:
     rows, columns = options.taxels
     text = sensor(options.key, rows, columns, lines=options.lines)
     refuse_unwritable(place / '__init__.py')
-    with folder_beside(place) as fresh:
-        write_beside(fresh / '__init__.py', text.encode())
+    with temporary_folder(place) as fresh:
+        write_atomically(fresh / '__init__.py', text.encode())
     print(plain(f'{place / "__init__.py"}'))
     known = [str(options.folder.resolve()), os.environ.get('TACTILE_SENSORS', '')]
     print('next:')

@@ -160,13 +160,15 @@ def qos_text(latched: bool) -> str:
     return str(yaml.safe_dump([profile], sort_keys=False))
 
 
-class _Pending(io.BytesIO):
+class _ChunkBuffer(io.BytesIO):
     """Bytes that mcap has written and the file does not hold yet, at the end of what it holds."""
 
     stored = 0
 
-    def tell(self) -> int:
+    def position(self) -> int:
         return self.stored + super().tell()
+
+    tell = position
 
 
 @dataclass
@@ -211,7 +213,7 @@ class BagWriter(Closing):
         except OSError as err:
             msg = f'the bag {self.path} cannot be written: {err.strerror}'
             raise RecordingError(msg) from err
-        self._pending = _Pending()
+        self._pending = _ChunkBuffer()
         self._mcap = Writer(self._pending, 1 << 62, CompressionType.NONE, enable_data_crcs=False)
         self._mcap.start('ros2', f'tactile_ros {__version__}')
         self._store()

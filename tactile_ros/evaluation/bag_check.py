@@ -25,7 +25,7 @@ from tactile_ros.evaluation.bag import (
 )
 from tactile_ros.evaluation.recording_files import PIECE, Bag
 from tactile_ros.evaluation.truth import FrameTimes
-from tactile_ros.files import folder_beside
+from tactile_ros.files import temporary_folder
 
 if TYPE_CHECKING:
     from collections import Counter
@@ -162,7 +162,7 @@ class BagCheck:
     unused: tuple[str, ...]
 
 
-class _HeardBag(Bag):
+class _TimedBag(Bag):
     """Bag that notes when the messages of every topic were heard."""
 
     def __init__(self, path: Path) -> None:
@@ -198,7 +198,7 @@ def check_bag(path: Path) -> BagCheck:
 
     Raises RecordingError if there is no bag at `path`.
     """
-    bag, taxels = _HeardBag(path), dict[str, TaxelCheck]()
+    bag, taxels = _TimedBag(path), dict[str, TaxelCheck]()
     try:
         for space, piece in bag:
             taxels.setdefault(space, TaxelCheck()).add(piece.recording)
@@ -234,7 +234,7 @@ def repair_bag(path: Path, target: Path) -> Repair:
     Raises TactileError if `target` is there already, cannot be written, or nothing can be saved.
     """
     content, left_out = BagContent(), dict[str, str]()
-    with folder_beside(target) as fresh:
+    with temporary_folder(target) as fresh:
         with BagWriter(fresh) as writer:
             kinds: dict[str, str] = {}
 

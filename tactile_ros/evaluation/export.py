@@ -22,7 +22,7 @@ import numpy.typing as npt
 from tactile_ros.evaluation.bag import missing
 from tactile_ros.evaluation.recording_files import PIECE, Bag
 from tactile_ros.evaluation.replay import Follower
-from tactile_ros.files import folder_beside, write_beside
+from tactile_ros.files import temporary_folder, write_atomically
 from tactile_ros.types import STATE_FIELDS, Columns
 
 if TYPE_CHECKING:
@@ -191,7 +191,7 @@ class SensorTables:
     ) -> None:  # fmt: skip
         self._folder, self._form, self._layout = folder, form, piece.recording.layout
         folder.mkdir(parents=True)
-        write_beside(folder / 'layout.json', json.dumps(described(self._layout)).encode())
+        write_atomically(folder / 'layout.json', json.dumps(described(self._layout)).encode())
         self._files: dict[str, ParquetFile | CsvFile] = {}
         self.forces = TaxelForces(pipelines, piece)
         self.rows: Counter[str] = Counter()
@@ -271,7 +271,7 @@ def write_tables(
     if form is ParquetFile:
         arrow()
     done = Export()
-    with folder_beside(target) as fresh:
+    with temporary_folder(target) as fresh:
         for path in paths:
             bag, tables = ExportBag(path), dict[str, SensorTables]()
             with ExitStack() as opened:

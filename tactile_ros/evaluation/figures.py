@@ -24,7 +24,7 @@ from scipy.special import ndtri
 from tactile_ros.conditioning.loading_direction import dead_band, loading_signs
 from tactile_ros.errors import MissingPackageError, TactileError
 from tactile_ros.evaluation.metrics import ONE_SIGMA, TOLERANCE
-from tactile_ros.files import write_beside
+from tactile_ros.files import write_atomically
 from tactile_ros.types import Array, Bools, Integers
 
 if TYPE_CHECKING:
@@ -351,7 +351,7 @@ class Drawing:
             raise ValueError(msg)
         if file.suffix == '.png':
             return write_png(file, self.svg)
-        return write_beside(file, self.svg.encode())
+        return write_atomically(file, self.svg.encode())
 
 
 def check_png() -> None:
@@ -384,7 +384,7 @@ def write_png(path: Path, svg: str) -> Path:
         msg = f'{path} is not written: its drawing holds images of other files'
         raise TactileError(msg)
     try:
-        return write_beside(path, resvg_py.svg_to_bytes(svg_string=_light(svg), zoom=2))
+        return write_atomically(path, resvg_py.svg_to_bytes(svg_string=_light(svg), zoom=2))
     except ValueError as error:
         msg = f'{path} cannot be drawn: {error}'
         raise TactileError(msg) from error

@@ -31,7 +31,7 @@ from tactile_ros.evaluation.metrics import (
     TARGETS,
     ClassErrors,
     TargetErrors,
-    clocks_apart,
+    clock_problems,
     frames_dropped,
     given_targets,
     unjudged,
@@ -53,7 +53,7 @@ from tactile_ros.evaluation.report import (
     rows_of,
 )
 from tactile_ros.evaluation.truth import DEFAULT_TRUTH, Association, is_unknown
-from tactile_ros.files import write_beside
+from tactile_ros.files import write_atomically
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import ContactStates
 
@@ -172,7 +172,7 @@ class Evaluation:
         """Results of all pieces, whose times and truth are given."""
         recording, stamps = whole.recording, whole.recording.stamp_ns
         delay = np.concatenate(self._latency)
-        apart = clocks_apart(len(delay), int((delay < 0).sum()))
+        apart = clock_problems(len(delay), int((delay < 0).sum()))
         answers: list[Answer] = []
         blind: list[str] = []
         for name, collected in self._answers.items():
@@ -453,7 +453,7 @@ def save(
                 arrays[f'{i}/{j}/{target.name}'] = np.bincount(bins, minlength=len(BIN_EDGES) + 1)
     text = json.dumps(document, indent=1, allow_nan=False) + '\n'
     return (
-        write_beside(path.with_name(f'{path.name}.json'), text.encode()),
+        write_atomically(path.with_name(f'{path.name}.json'), text.encode()),
         save_arrays(arrays, path.with_name(f'{path.name}.npz')),
     )
 

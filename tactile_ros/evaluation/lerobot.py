@@ -39,7 +39,7 @@ from tactile_ros.evaluation.export import (
     plain_name,
 )
 from tactile_ros.evaluation.recording_files import MessageBuffer
-from tactile_ros.files import folder_beside, write_beside
+from tactile_ros.files import temporary_folder, write_atomically
 from tactile_ros.hands.drivers import JOINT_STATE, NUMBERS, TRAJECTORY
 from tactile_ros.types import Columns
 
@@ -474,7 +474,7 @@ class DataSet:
             'video_path': None, 'features': self._features,
         }  # fmt: skip
         for name, content in (('info', info), ('stats', stats)):
-            write_beside(meta / f'{name}.json', json.dumps(content, indent=2).encode())
+            write_atomically(meta / f'{name}.json', json.dumps(content, indent=2).encode())
 
 
 def write_dataset(
@@ -488,7 +488,7 @@ def write_dataset(
     """
     arrow()
     done = Export()
-    with folder_beside(target) as fresh, tempfile.TemporaryFile() as file:
+    with temporary_folder(target) as fresh, tempfile.TemporaryFile() as file:
         bags = (HandBag(path, file) for path in paths)
         episodes = [Episode.read(bag, fps, pipelines, done) for bag in bags]
         widths: dict[str, int] = {}

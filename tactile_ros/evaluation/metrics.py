@@ -352,7 +352,7 @@ def frames_dropped(sequence: Integers | None, restarts: Bools) -> int:
     return int(np.maximum((np.diff(sequence) - 1)[~restarts[1:]], 0).sum())
 
 
-def clocks_apart(count: int, ahead: int) -> tuple[str, ...]:
+def clock_problems(count: int, ahead: int) -> tuple[str, ...]:
     """Sentence where many of the contacts were heard before the stamps of their frames."""
     if ahead <= MOST_AHEAD * count:
         return ()

@@ -46,7 +46,7 @@ from tactile_ros.evaluation.truth import (
     merged,
     nearest_of_key,
 )
-from tactile_ros.files import write_beside
+from tactile_ros.files import write_atomically
 from tactile_ros.messages import read_layout
 from tactile_ros.types import (
     STATE_FIELDS,
@@ -213,7 +213,7 @@ class MessageBuffer:
         del self.logs[:count], self.data[:count]
         return taken
 
-    def take_heard(self, log_ns: int) -> tuple[list[int], list[bytes]]:
+    def take_until(self, log_ns: int) -> tuple[list[int], list[bytes]]:
         """Take out what was heard until then."""
         return self.take(bisect_right(self.logs, log_ns))
 
@@ -488,7 +488,7 @@ class SensorBag:
         self._live = self._live or bool(self.contacts.logs)
         if not self._live:
             return None
-        heard, data = self.contacts.take_heard(until)
+        heard, data = self.contacts.take_until(until)
         taxels = self.layout.shape[0]
         messages = read_contacts(data, taxels)
         self._lost[f'messages of {self.space}/contacts are damaged'] += messages.damaged
@@ -515,7 +515,7 @@ class SensorBag:
 
     def _baselines(self, until: int) -> tuple[Frame, ...]:
         """Baselines that were heard since the piece before."""
-        rows = read_frames(self.tares.take_heard(until)[1], self.layout.shape)
+        rows = read_frames(self.tares.take_until(until)[1], self.layout.shape)
         lost = rows.damaged + rows.misfits
         self._lost[f'messages of {self.space}/baseline are damaged or do not fit'] += lost
         names = ('stamp_ns', 'sequence', 'values', 'temperature_c', 'status', 'device_time_ns')
@@ -541,7 +541,7 @@ def save_arrays(arrays: Columns, path: str | os.PathLike[str]) -> Path:
     """Write plain arrays into one .npz, whole or not at all."""
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
-    return write_beside(path, buffer.getvalue())
+    return write_atomically(path, buffer.getvalue())
 
 
 def load_recording(path: str | os.PathLike[str]) -> Recording:

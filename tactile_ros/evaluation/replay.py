@@ -189,13 +189,16 @@ class Follower:
         self._mismatch = calibration_problems(calibrations, self.began, changes)
         self._baselines = BaselineQueue()
         self._changes = ClassChanges(changes, self.pipeline)
-        self._stream = -1
+        self._stream, self._unused_tares = -1, 0
 
     @property
     def problems(self) -> tuple[str, ...]:
         """Sentences that must be read with the states."""
         left_out = () if self.agreement is None else self.agreement.problems
         failures = failure_problems(self.pipeline)
+        if self._unused_tares:
+            why = 'this calibration was fitted without rest'
+            left_out += (f'{self._unused_tares} tares of the bag are not heeded: {why}',)
         return (*self._mismatch, *self._changes.problems, *failures, *left_out)
 
     @property
@@ -238,7 +241,9 @@ class Follower:
         of_file = recording.stream is None or recording.tare is not None
         if (of_file or recording.stamp_ns is None) and piece.contacts is None:
             return self.pipeline.process_batch(recording)
-        baselines = self._baselines.by_row(recording, rows, piece.baselines)
+        tares = piece.baselines if self.pipeline.rest_.tared else ()
+        self._unused_tares += len(piece.baselines) - len(tares)
+        baselines = self._baselines.by_row(recording, rows, tares)
         if not len(rows):
             return ContactStates.assemble(len(recording), taxels, {})
         number = np.cumsum(recording.restarts)[rows]

@@ -32,7 +32,7 @@ from tactile_ros.evaluation.metrics import (
     spread,
     target_errors,
 )
-from tactile_ros.files import write_beside
+from tactile_ros.files import write_atomically
 from tactile_ros.types import Array, Table
 
 if TYPE_CHECKING:
@@ -521,7 +521,7 @@ def render(result: Result) -> str:
 
 def write_report(path: str | os.PathLike[str], result: Result) -> Path:
     """Write the report (.html); return its path."""
-    return write_beside(path, render(result).encode())
+    return write_atomically(path, render(result).encode())
 
 
 def write_comparison(path: Path, found: Sequence[Comparison], command: str) -> Path:
@@ -534,7 +534,7 @@ def write_comparison(path: Path, found: Sequence[Comparison], command: str) -> P
         rows=[[figure_text(cell) for cell in row_of(one)] for one in found], command=command,
         problems=[text for one in found for text in one.sentences], environment=environment(),
     )  # fmt: skip
-    return write_beside(path, page.encode())
+    return write_atomically(path, page.encode())
 
 
 def write_pictures(folder: Path, result: Result) -> Iterable[Path]:

@@ -232,7 +232,7 @@ class TruthTopic:
             self._logs.append(np.array(logs, np.int64)[rows])
             self._parts.append(part)
 
-    def beside(
+    def associate(
         self, frames: FrameTimes, association: Association, names: tuple[str, ...]
     ) -> tuple[Columns, tuple[str, ...], int]:
         """Truth beside s frames, the names of its labels, and how many messages have no frame."""
@@ -301,7 +301,7 @@ def merged(
     names: tuple[str, ...] = ()
     lost: Counter[str] = Counter()
     for topic in topics:
-        part, names, left_over = topic.beside(frames, association, names)
+        part, names, left_over = topic.associate(frames, association, names)
         lost[f'messages of {topic.topic} are damaged or do not fit'] += topic.damaged
         lost[f'messages of {topic.topic} belong to no frame'] += left_over
         for key, value in part.items():

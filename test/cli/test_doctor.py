@@ -308,7 +308,7 @@ def test_a_torn_bag_is_repaired_into_a_new_folder(
     assert re.search(r'file +bad +torn.mcap is cut off', printed.out)
     assert 'messages of 2 topics' in printed.err
     assert check_bag(out).damage == ()
-    assert main(command) == 2
+    assert main(command) == 1
     assert 'exists already' in capsys.readouterr().err
     assert main(['doctor', '--repair', str(tmp_path / 'other')]) == 2
     assert main(['doctor', str(bag), '--sensor', 'reskin_board']) == 2

@@ -102,7 +102,7 @@ def test_new_leaves_nothing_where_it_cannot_write(
     def full(*_: object) -> None:
         raise OSError(28, 'No space left on device')
 
-    monkeypatch.setattr(new, 'write_beside', full)
+    monkeypatch.setattr(new, 'write_atomically', full)
     assert main(['new', 'my_pad', '--taxels', '2x2', '--folder', str(tmp_path)]) == 1
     assert not list(tmp_path.iterdir())
 

@@ -21,9 +21,10 @@ from tactile_ros.evaluation.compare import (
     swap_probability,
 )
 from tactile_ros.evaluation.recording_files import LiveContacts, LoadedRecording
+from tactile_ros.evaluation.replay import replay
 from tactile_ros.evaluation.report import write_comparison
 from tactile_ros.sensors import load_sensor
-from tactile_ros.types import ContactStates, Layout, Recording
+from tactile_ros.types import ContactStates, Frame, Layout, Recording
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -182,6 +183,21 @@ def test_estimators_are_judged_on_groups_that_they_did_not_learn() -> None:
     assert each.frames == len(rows)
     assert each.second < 0.8 * each.first  # a fit that knows the places errs less on them
     assert each.p < 0.01
+
+
+def test_tares_of_a_bag_that_tells_no_rest_are_left_out_and_told() -> None:
+    spec = load_sensor('reskin_board')
+    spatial = spec.recordings()['spatial'].select(slice(0, 120))
+    rows, truth = np.arange(120), {'position': spatial.truth['position']}
+    run = replace(
+        spatial, stamp_ns=10_000_000 * rows, sequence=rows, stream=0 * rows, tare=None, truth=truth
+    )
+    tare = Frame(0, 5, spatial.values[0])
+    loaded = [LoadedRecording('bag', run, baselines=(tare,))]
+    found = held_out('grid_knn', lambda: spec.pipeline(None, 'grid_knn'), loaded)
+    assert np.isfinite(found.states[0].position[:, 0]).all()
+    untared = spec.pipeline(None, 'grid_knn').fit(run)
+    assert '1 tares of the bag are not heeded' in replay(loaded[0], untared).problems[0]
 
 
 def test_live_runs_are_compared_by_what_they_said() -> None:
