@@ -107,11 +107,9 @@ def schema_text(type_name: str) -> str:
         raise RecordingError(msg)
     text, _ = all_types().generate_msgdef(type_name, ros_version=2)
     plain, *needed = text.split(f'{RULE}\nMSG: ')
-    parts = [_with_comments(type_name, plain)]
-    for section in needed:
-        name, _, plain = section.partition('\n')
-        parts.append(f'{RULE}\nMSG: {name}\n{_with_comments(name, plain)}')
-    return ''.join(parts)
+    parts = (section.partition('\n') for section in needed)
+    named = (f'{RULE}\nMSG: {name}\n{_with_comments(name, text)}' for name, _, text in parts)
+    return _with_comments(type_name, plain) + ''.join(named)
 
 
 @lru_cache(maxsize=256)
@@ -198,8 +196,7 @@ class BagWriter(Closing):
         self.path = Path(path)
         self._topics: dict[str, _Topic] = {}
         self._schemas: dict[str, int] = {}
-        self._bytes = 0  # of the chunk in the making
-        self._chunk_ns: tuple[int, ...] = ()
+        self._bytes, self._chunk_ns = 0, tuple[int, ...]()  # of the chunk in the making
         self._span_ns: tuple[int, ...] = ()
         self._described_ns = 0
         self._lock = RLock()
@@ -227,10 +224,7 @@ class BagWriter(Closing):
     def add_topic(
         self, topic: str, type_name: str, latched: bool = False, text: str = ''
     ) -> None:
-        """Announce a topic, latched as transient local; `write` does it by itself.
-
-        `text` is the definition of a type that is neither ours nor a standard one.
-        """
+        """Announce a topic, latched as transient local, with the text of a foreign type."""
         with self._lock:
             if topic in self._topics:
                 return
@@ -247,20 +241,11 @@ class BagWriter(Closing):
     def write(
         self, topic: str, type_name: str, stamp_ns: int, data: bytes, latched: bool = False
     ) -> None:
-        """Take one message in.
+        """Take one message (CDR) in that was received at a log time (ns).
 
-        Parameters
-        ----------
-        topic, type_name : str
-            Such as '/finger/frame', 'tactile_ros/msg/TactileFrame'.
-        stamp_ns : int
-            Log time: when it was received (ns); latency is this minus the frame's stamp.
-        data : bytes
-            CDR, as the middleware serialises it.
-        latched : bool
-            As in `add_topic`; heeded at the first message of a topic.
-
-        Raises RecordingError if the bag is closed or the disk is full.
+        The type is such as 'tactile_ros/msg/TactileFrame'; `latched` is as in `add_topic`, and
+        heeded at the first message of a topic. Raises RecordingError if the bag is closed or the
+        disk is full.
         """
         with self._lock:
             if self._file.closed:
@@ -375,18 +360,10 @@ class BagContent:
 def read_bag(
     path: str | os.PathLike[str], content: BagContent, takers: Takers
 ) -> Iterator[None]:
-    """Read a bag part by part: of an MCAP file a chunk at a time.
+    """Read a bag (rosbag2 folder, .mcap or .db3) part by part: of an MCAP file a chunk at a time.
 
-    Parameters
-    ----------
-    path : path-like
-        A rosbag2 folder, or one .mcap or .db3 file.
-    content : BagContent
-        Grows by everything but messages.
-    takers : callable
-        Gives for topic and type name the function that takes log time (ns) and CDR of each
-        message; None: messages are counted only.
-
+    The content grows by everything but messages; `takers` gives for topic and type name the
+    function that takes log time (ns) and CDR of each message, or None: they are counted only.
     Raises RecordingError if there is no bag at `path`, and nothing for what its files hold.
     """
     for file in _files(Path(path), content):
@@ -560,10 +537,10 @@ class _McapFile:
             return
         stated = (chunk.uncompressed_crc or zlib.crc32(stored), chunk.uncompressed_size)
         if record.whole and stated != (zlib.crc32(stored), len(stored)):
-            at = record.at
-            self._say(f'chunk at byte {at} is damaged (checksum); its messages were left out')
-            return
-        self._take_records(stored)
+            what = f'chunk at byte {record.at} is damaged (checksum)'
+            self._say(f'{what}; its messages were left out')
+        else:
+            self._take_records(stored)
 
     def _take_records(self, stored: bytes) -> None:
         """Take the records that lie in a chunk, as far as they are whole."""

@@ -7,9 +7,10 @@ few numbers of each frame are kept, its readings are not.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections import Counter
+from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -28,7 +29,6 @@ from tactile_ros.evaluation.truth import FrameTimes
 from tactile_ros.files import temporary_folder
 
 if TYPE_CHECKING:
-    from collections import Counter
     from pathlib import Path
 
     from tactile_ros.evaluation.bag import Taker
@@ -41,13 +41,10 @@ MOSTLY = 0.5  # of the frames
 
 @dataclass
 class TopicCheck:
-    """Messages of one topic, and when they were heard (ns).
-
-    `schema` compares the definition in the bag with ours.
-    """
+    """Messages of one topic, and when they were received (ns)."""
 
     type_name: str
-    schema: str
+    schema: str  # comparison of the definition in the bag with ours
     messages: int = 0
     first_ns: int = 0
     last_ns: int = 0
@@ -70,32 +67,16 @@ class TopicCheck:
 
 @dataclass(frozen=True)
 class FrameCheck:
-    """Frames of one sensor.
-
-    Attributes
-    ----------
-    frames, repeats, restarts : int
-        In the bag; that stand there twice; at which the counter began again.
-    period_s : float
-        Usual distance of stamps (s).
-    lost : ndarray, shape (n,)
-        Frames missing in every gap of the counter.
-    jumps : ndarray, shape (n,)
-        Time by which a stamp is off what the counter lets expect (s).
-    dead : dict of int to float
-        Taxels that cannot be used in most frames, or never change: share of the frames.
-    problems : tuple of str
-        Sentences about what a replay leaves out.
-    """
+    """Frames of one sensor."""
 
     frames: int
-    repeats: int
-    restarts: int
-    period_s: float
-    lost: Integers
-    jumps: Array
-    dead: dict[int, float]
-    problems: tuple[str, ...]
+    repeats: int  # that stand there twice
+    restarts: int  # frames at which the counter began again
+    period_s: float  # usual distance of stamps
+    lost: Integers  # (n,) frames missing in every gap of the counter
+    jumps: Array  # (n,) time by which a stamp is off what the counter lets expect (s)
+    dead: dict[int, float]  # taxels unusable in most frames, or never changing: share of frames
+    problems: tuple[str, ...]  # sentences about what a replay leaves out
 
     @classmethod
     def of(cls, times: FrameTimes, taxels: TaxelCheck, problems: tuple[str, ...]) -> FrameCheck:
@@ -109,15 +90,10 @@ class FrameCheck:
         off = steps - counts * period
         bad = (np.abs(off) > period * (JUMP + DRIFT * counts)) | (steps <= 0)
         return cls(
-            frames=len(times),
-            repeats=len(times) - len(first),
-            restarts=int((counts <= 0).sum()),
-            period_s=period,
-            lost=counts[counts > 1] - 1,
-            jumps=off[bad & (counts > 0)],
-            dead=taxels.dead,
-            problems=problems,
-        )
+            frames=len(times), repeats=len(times) - len(first),
+            restarts=int((counts <= 0).sum()), period_s=period, lost=counts[counts > 1] - 1,
+            jumps=off[bad & (counts > 0)], dead=taxels.dead, problems=problems,
+        )  # fmt: skip
 
 
 class TaxelCheck:
@@ -163,7 +139,7 @@ class BagCheck:
 
 
 class _TimedBag(Bag):
-    """Bag that notes when the messages of every topic were heard."""
+    """Bag that notes when the messages of every topic were received."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, frames=PIECE)
@@ -220,12 +196,11 @@ def check_bag(path: Path) -> BagCheck:
     return BagCheck(bag.topics, sensors, damage, out, tuple(bag.unused))
 
 
-@dataclass
-class Repair:
+class Repair(NamedTuple):
     """Messages by topic that were saved, and sentences about what was not."""
 
     counts: Counter[str]
-    problems: list[str] = field(default_factory=list)
+    problems: list[str]
 
 
 def repair_bag(path: Path, target: Path) -> Repair:
@@ -252,7 +227,7 @@ def repair_bag(path: Path, target: Path) -> Repair:
 
             for _ in read_bag(path, content, handler):
                 pass
-        saved = type(content.counts)(writer.counts)
+        saved = Counter(writer.counts)
         problems = content.problems + [f'{t} was left out: {y}' for t, y in left_out.items()]
         if not saved.total():
             why = '; '.join(problems[:3]) or 'it is empty'

@@ -51,10 +51,7 @@ class UnlikeError(Exception):
 
 
 class Group(NamedTuple):
-    """Messages of one kind: their places (n,) among all, and fields (n,) or (n, k) by dotted path.
-
-    Entries of a list of messages have their number in the path.
-    """
+    """Messages of one kind: places (n,) among all, fields (n,) or (n, k) by path ('a.0.b')."""
 
     rows: Integers
     columns: Columns
@@ -195,14 +192,11 @@ def vectors_of(columns: Columns, path: str, axes: str = 'xyz') -> Array:
 
 
 class Rows(NamedTuple):
-    """Messages as arrays of n entries, which are those at `rows` (n,) among all.
-
-    `damaged` and `misfits` are counts of messages that are in no row.
-    """
+    """Messages as arrays of n entries, which are those at `rows` (n,) among all."""
 
     rows: Integers
     arrays: Columns
-    damaged: int
+    damaged: int  # messages that are in no row
     misfits: int
 
 
@@ -255,10 +249,9 @@ def widened(name: str, column: npt.NDArray[np.generic], patches: int) -> npt.NDA
 
 
 def read_frames(messages: Sequence[bytes], shape: tuple[int, int]) -> Rows:
-    """Frames of serialised TactileFrames of taxels and channels (t, c); others are misfits.
+    """Arrays (n, ...) of serialised TactileFrames of taxels and channels (t, c) by field.
 
-    The arrays are `stamp_ns`, `sequence`, `device_time_ns` (n,), `values` (n, t, c),
-    `temperature_c` (n, t), NaN unknown, and `status` (n, t).
+    Others are misfits.
     """
     taxels, channels = shape
 

@@ -220,14 +220,8 @@ def _interval(resampled: Array, groups: int) -> tuple[float, float]:
 def swap_probability(sums: Array, count: Array, root: bool, rng: np.random.Generator) -> float:
     """Probability of a difference as large if it made no difference which estimate is whose.
 
-    Parameters
-    ----------
-    sums : ndarray, shape (g, 2)
-        Costs of both in each group; groups are swapped as a whole.
-    count : ndarray, shape (g,)
-        Frames of each group.
-    root : bool
-        Figures are roots of mean costs.
+    Sums (g, 2) are the costs of both in each group, swapped as a whole, of `count` (g,) frames;
+    with `root` figures are roots of mean costs.
     """
     groups, total, change = len(count), sums.sum(axis=0), sums[:, 1] - sums[:, 0]
     figures = _figures(total, count.sum(), root)

@@ -13,7 +13,6 @@ import json
 import re
 from collections import Counter
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -26,7 +25,7 @@ from tactile_ros.files import temporary_folder, write_atomically
 from tactile_ros.types import STATE_FIELDS, Columns
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from tactile_ros.evaluation.bag import Taker
@@ -63,14 +62,14 @@ def arrow_column(column: Column) -> Arrow:
     return flat
 
 
-@dataclass
 class Export:
     """Rows of the table that is shown, sentences about what was left out, bytes that were read."""
 
-    rows: list[tuple[str | int | float, ...]] = field(default_factory=list)
-    left_out: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    read_bytes: int = 0
+    def __init__(self) -> None:
+        self.rows: list[tuple[str | int | float, ...]] = []
+        self.left_out: list[str] = []
+        self.notes: list[str] = []
+        self.read_bytes = 0
 
     def add_bag(self, bag: ExportBag) -> None:
         """Say what could not be read of a bag, and what was not asked for."""
@@ -114,13 +113,16 @@ class TaxelForces:
 class ParquetFile:
     """Table in a parquet file, whose columns are those of its first rows."""
 
-    def __init__(self, path: Path, _: Layout) -> None:
+    def __init__(self, path: Path, _: Layout | None = None) -> None:
         self._path = path.with_suffix('.parquet')
         self._writer: Arrow = None
 
-    def write(self, columns: Columns) -> None:
-        """Append rows."""
-        table = arrow().table({name: arrow_column(column) for name, column in columns.items()})
+    def write(self, columns: Mapping[str, Arrow]) -> None:
+        """Append rows of arrays, or of columns of pyarrow."""
+        table = arrow().table({
+            name: arrow_column(column) if isinstance(column, np.ndarray) else column
+            for name, column in columns.items()
+        })  # fmt: skip
         if self._writer is None:
             self._writer = arrow().parquet.ParquetWriter(
                 self._path, table.schema, use_dictionary=False
@@ -200,13 +202,12 @@ class SensorTables:
         """Append the frames of the next piece."""
         recording, live, forces = piece.recording, piece.contacts, self.forces.of(piece)
         count, (taxels, _) = len(recording), recording.layout.shape
-        assert recording.stamp_ns is not None
-        assert recording.sequence is not None
-        assert recording.stream is not None
-        key: Columns = {'stamp_ns': recording.stamp_ns, 'sequence': recording.sequence}
+        names = ('stamp_ns', 'sequence', 'stream')
+        key = {name: np.asarray(getattr(recording, name)) for name in names}
         bits, chips = recording.status, recording.temperature_c
+        stream = key.pop('stream')
         self._write('frames', {
-            **key, 'stream': recording.stream,
+            **key, 'stream': stream,
             'status': np.zeros((count, taxels), np.uint8) if bits is None else bits,
             'temperature_c': np.full((count, taxels), np.nan) if chips is None else chips,
             'values': recording.values,

@@ -307,18 +307,10 @@ def run_jobs(
     scheduler: str = '',
     done: Callable[[Outcome], None] = lambda outcome: None,
 ) -> list[Outcome]:
-    """Do many jobs.
+    """Do many jobs, different from one another: outcomes are in their order.
 
-    Parameters
-    ----------
-    jobs : sequence of Job
-        Different from one another; outcomes are in their order.
-    workers : int
-        Processes on this machine.
-    scheduler : str
-        Address of a running Dask scheduler, whose workers see the same files; empty: none.
-    done : callable
-        Hears of every outcome as soon as it is there.
+    `workers` are processes on this machine, `scheduler` the address of a running Dask scheduler
+    whose workers see the same files; `done` hears of every outcome as soon as it is there.
     """
     outcomes: dict[Job, Outcome] = {}
 

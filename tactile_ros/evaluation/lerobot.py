@@ -32,9 +32,9 @@ from tactile_ros.evaluation.cdr_columns import read_columns, stamps_of
 from tactile_ros.evaluation.export import (
     Export,
     ExportBag,
+    ParquetFile,
     TaxelForces,
     arrow,
-    arrow_column,
     described,
     plain_name,
 )
@@ -382,7 +382,7 @@ class DataSet:
         self._features: dict[str, Feature] = {}
         self._rows: list[dict[str, Any]] = []
         self._stats: list[dict[str, Statistics]] = []
-        self._writer: Arrow = None
+        self._writer: ParquetFile | None = None
 
     def add(self, episode: Episode) -> None:
         """Write the frames of an episode; RecordingError if it has other features."""
@@ -430,18 +430,15 @@ class DataSet:
         step = IMAGE_ROWS if episode.images else ROWS
         for first in range(0, len(episode.times), step):
             rows = slice(first, first + step)
-            table = {key: arrow_column(column[rows]) for key, column in columns.items()}
+            table: dict[str, Arrow] = {key: column[rows] for key, column in columns.items()}
             for key, window in windows.items():
-                table[key] = arrow_column(episode.tactile[key].values[window[rows]])
+                table[key] = episode.tactile[key].values[window[rows]]
             for key, images in episode.images.items():
                 table[key] = images.column(episode.times[rows])
-            part = arrow().table({key: table[key] for key in self._features})
             if self._writer is None:
                 self._path.parent.mkdir(parents=True, exist_ok=True)
-                self._writer = arrow().parquet.ParquetWriter(
-                    self._path, part.schema, use_dictionary=False
-                )
-            self._writer.write_table(part)
+                self._writer = ParquetFile(self._path)
+            self._writer.write({key: table[key] for key in self._features})
 
     def _end_file(self) -> None:
         """Close the present file; the next one begins."""

@@ -90,16 +90,10 @@ UNCOVERED = Coverage(float('nan'), float('nan'), float('nan'), 0, 0)
 
 
 def coverage(error: Array, variance: Array, groups: Integers, sigmas: int = 1) -> Coverage:
-    """Compare errors with the variances that were stated for them.
+    """Compare errors (n,) with the variances that were stated for them (unit squared).
 
-    Parameters
-    ----------
-    error, variance : ndarray, shape (n,)
-        Of one component (unit, unit squared); NaN is left out.
-    groups : ndarray, shape (n,)
-        Place, press cycle or recording of each error: what errors have in common.
-    sigmas : int
-        Standard deviations, inside which errors are counted: 1 or 2.
+    NaN is left out; groups (n,) are what errors have in common: a place, press cycle or
+    recording; errors are counted inside 1 or 2 sigmas.
     """
     kept = np.isfinite(error) & np.isfinite(variance)
     count, aimed = int(kept.sum()), WITHIN[sigmas]
@@ -325,14 +319,7 @@ def place_groups(plane: Array, otherwise: Integers) -> Integers:
 def unjudged(name: str, counts: Mapping[str, int], given: Sequence[str]) -> tuple[str, ...]:
     """Sentence where truth and estimates have nothing in common; empty where an error is known.
 
-    Parameters
-    ----------
-    name : str
-        Of the estimators.
-    counts : mapping of str to int
-        Errors of every target with truth.
-    given : sequence of str
-        Estimated targets, as `given_targets` says.
+    `counts` are the errors of every target with truth, `given` the estimated targets.
     """
     if any(counts.values()):
         return ()

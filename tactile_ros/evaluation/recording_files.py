@@ -153,21 +153,12 @@ def load(
     truth_topics: Sequence[str] = DEFAULT_TRUTH,
     association: Association | None = None,
 ) -> Loaded:
-    """Load a bag (folder, .mcap, .db3), an .npz or a .csv as a whole.
+    """Load a bag (folder, .mcap, .db3), an .npz or a .csv as a whole, one recording per sensor.
 
-    Parameters
-    ----------
-    path : path-like
-        Of the bag or file.
-    layout : Layout or None
-        For .csv, and for bags without a layout.
-    truth_topics : sequence of str
-        Topics that tell the truth, relative to the sensor's namespace or absolute:
-        TactileContacts, WrenchStamped, PoseStamped, PoseWithCovarianceStamped, String.
-    association : Association or None
-        Of truth with frames; None: by stamps, within half a step.
-
-    Returns one recording per sensor; raises RecordingError if there is nothing of ours at `path`.
+    The layout is for .csv, and for bags without one; topics that tell the truth (TactileContacts,
+    WrenchStamped, PoseStamped, PoseWithCovarianceStamped, String) are relative to the sensor's
+    namespace or absolute; without an association truth is brought together with frames by
+    stamps, within half a step. Raises RecordingError if there is nothing of ours at `path`.
     """
     file = Path(path)
     if not file.exists():
@@ -225,14 +216,8 @@ class Bag:
     the bag has gone on for `HORIZON_NS` of log time; contacts and baselines that are heard later
     than that after their frame come too late. So readings of a long bag are never held at once.
 
-    Parameters
-    ----------
-    path, layout, truth_topics, association
-        As of `load`.
-    frames : int or None
-        Of a piece; None: `PIECE`, and ClassesChangedError where classes came or went.
-    wanted : container of str
-        Keys of the truth to read.
+    Parameters are as of `load`; of a piece of None frames it is `PIECE`, and ClassesChangedError
+    is raised where classes came or went; `wanted` are the keys of the truth to read.
     """
 
     def __init__(
@@ -452,9 +437,9 @@ class SensorBag:
         """Frames as a recording; a new stream begins where the counter or the clock went back."""
         stamp_ns, sequence = (cast('Integers', arrays[n]) for n in ('stamp_ns', 'sequence'))
         values = cast('Array', arrays['values'])
-        last = self.times[-1] if self.times else None
         before = (int(stamp_ns[0]) - 1, int(sequence[0]) - 1, 0)
-        if last is not None:
+        if self.times:
+            last = self.times[-1]
             before = (int(last.stamp_ns[-1]), int(last.sequence[-1]), int(last.stream[-1]))
         back = np.diff(stamp_ns, prepend=before[0]) <= 0
         back |= np.diff(sequence, prepend=before[1]) <= 0
@@ -463,14 +448,10 @@ class SensorBag:
         self.times.append(FrameTimes(stamp_ns, sequence, stream, log_ns, away))
         chips, bits = cast('Array', arrays['temperature_c']), arrays['status']
         return Recording.from_arrays(
-            self.layout,
-            values,
-            stamp_ns=stamp_ns,
-            sequence=sequence,
+            self.layout, values, stamp_ns=stamp_ns, sequence=sequence, stream=stream,
             temperature_c=chips if np.isfinite(chips).any() else None,
             status=bits if bits.any() else None,
-            stream=stream,
-        )
+        )  # fmt: skip
 
     def _deviation(self, values: Array) -> Array:
         """Norm (s,) of readings less the usual one, where a delay must be estimated."""

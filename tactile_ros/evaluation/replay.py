@@ -151,25 +151,11 @@ def failure_problems(pipeline: Pipeline, before: int = 0) -> tuple[str, ...]:
 class Follower:
     """One pipeline along a live run, with its memory carried over from piece to piece.
 
-    Parameters
-    ----------
-    pipeline : Pipeline
-        It stays as it is; a copy moves on.
-    calibrations : sequence of str
-        SHA-256 of those of the live run.
-    changes : sequence of ClassChange
-        Classes that came and went in it; such a run must come in one piece.
-    clock_ns : callable
-        Clock of the time per frame (ns).
-
-    Attributes
-    ----------
-    states : ContactStates
-        Of every row of the last piece; unknown where the live node saw no frame.
-    agreement : Agreement or None
-        With the live run; None: there are no live contacts.
-    frames : int
-        Processed so far.
+    The pipeline stays as it is, a copy moves on. Calibrations (SHA-256) and changes of classes
+    are those of the live run, which must come in one piece if there are changes; `clock_ns`
+    measures the time per frame. `states` are of every row of the last piece, unknown where the
+    live node saw no frame; `agreement` with the live run is None without live contacts; `frames`
+    were processed so far.
     """
 
     def __init__(

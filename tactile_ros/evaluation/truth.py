@@ -48,20 +48,12 @@ MOST_FRAMES = 12_000
 class Association:
     """Rules by which truth is brought together with frames in time.
 
-    Attributes
-    ----------
-    tolerance_ns : int or None
-        Largest distance in time; None: half a step of frames or truth, whichever is longer.
-    delay_ns : int or None
-        By how much stamps of other instruments are later than those of the frames that they
-        belong to (ns); None: as the signals say.
-    remark : str
-        Where the delay comes from, in a few words.
+    `delay_ns` is by how much stamps of other instruments are later than those of their frames.
     """
 
-    tolerance_ns: int | None = None
-    delay_ns: int | None = 0
-    remark: str = ''
+    tolerance_ns: int | None = None  # None: half a step of frames or truth, the longer one
+    delay_ns: int | None = 0  # None: as the signals say
+    remark: str = ''  # origin of the delay, in a few words
 
 
 @dataclass(frozen=True)
@@ -105,37 +97,36 @@ def half_step(times: Integers) -> int:
 
 
 def nearest(times: Integers, asked: Integers, tolerance: int) -> Integers:
-    """Index of the time (n,) nearest to each asked one (m,), -1: none is within the tolerance.
-
-    The earlier one where two are equally near; times may be in any order (all in ns).
-    """
-    if not len(times):
-        return np.full(len(asked), -1, np.int64)
-    order = np.argsort(times, kind='stable')
-    ordered = times[order]
-    right = np.clip(np.searchsorted(ordered, asked), 0, len(ordered) - 1)
-    left = np.maximum(right - 1, 0)
-    closer = np.abs(asked - ordered[left]) <= np.abs(ordered[right] - asked)
-    best = np.where(closer, left, right)
-    distance = np.abs(ordered[best] - asked)
-    return np.where(distance <= tolerance, order[best], -1).astype(np.int64)
+    """Index of the time (n,) nearest to each asked one (m,), -1: none is within the tolerance."""
+    rows = nearest_of_key(np.zeros_like(times), times, np.zeros_like(asked), asked)
+    there = rows >= 0
+    there[there] = np.abs(times[rows[there]] - asked[there]) <= tolerance
+    return np.where(there, rows, -1)
 
 
 def nearest_of_key(
     keys: Integers, times: Integers, asked_keys: Integers, asked_times: Integers
 ) -> Integers:
-    """Index (m,) of the row with the asked key whose time is nearest; -1: no row has the key."""
+    """Index (m,) of the row with the asked key whose time is nearest; -1: no row has the key.
+
+    Rows may be in any order; of two that are equally near it is the earlier.
+    """
+    count = len(keys)
+    if not count:
+        return np.full(len(asked_keys), -1, np.int64)
     order = np.lexsort((times, keys))
-    keys, times = keys[order], times[order]
-    first = np.searchsorted(keys, asked_keys, side='left')
-    last = np.searchsorted(keys, asked_keys, side='right')
-    rows = np.where(last > first, first, -1)
-    for i in np.flatnonzero(last - first > 1).tolist():
-        group, asked = times[first[i] : last[i]], asked_times[i]
-        right = min(int(np.searchsorted(group, asked)), len(group) - 1)
-        left = max(right - 1, 0)
-        rows[i] += left if asked - group[left] <= abs(group[right] - asked) else right
-    return np.where(rows >= 0, order[rows] if len(order) else -1, -1).astype(np.int64)
+    merged = np.lexsort((
+        np.append(np.ones(count, np.int8), np.zeros(len(asked_keys), np.int8)),
+        np.append(times, asked_times), np.append(keys, asked_keys),
+    ))  # fmt: skip
+    before = np.empty(len(merged), np.int64)
+    before[merged] = np.cumsum(merged < count)
+    after = before[count:]
+    left, right = (order[np.clip(at, 0, count - 1)] for at in (after - 1, after))
+    beyond = keys[left] != asked_keys
+    nearer = asked_times - times[left] > np.abs(times[right] - asked_times)
+    best = np.where(beyond | ((keys[right] == asked_keys) & nearer), right, left)
+    return np.where(keys[best] == asked_keys, best, -1)
 
 
 def held_labels(
@@ -333,20 +324,11 @@ class Delay:
 def estimate_delay(
     times: Integers, signal: Array, late_times: Integers, late_signal: Array
 ) -> Delay | None:
-    """Delay of a signal behind another, up to half a second either way.
+    """Delay of a signal (m,) behind another (n,), up to half a second either way.
 
-    Parameters
-    ----------
-    times, late_times : ndarray, shape (n,), (m,)
-        When each was read (ns), increasing.
-    signal, late_signal : ndarray, shape (n,), (m,)
-        Of any unit, and of either sign to one another.
-
-    Returns
-    -------
-    Delay or None
-        None where fewer than three stretches of four seconds correlate. What the skin itself
-        lags behind (its creep) is part of the answer.
+    Times (ns) increase; signals may be of any unit and sign. None where fewer than three
+    stretches of four seconds correlate. What the skin itself lags behind (its creep) is part of
+    the answer.
     """
     if min(len(times), len(late_times)) < 2:
         return None

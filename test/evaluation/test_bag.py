@@ -163,24 +163,6 @@ def test_an_interrupted_write_is_written_over(
     assert content.problems == []
 
 
-def test_reading_a_bag_cut_at_any_byte_gives_a_prefix_and_names_the_cut(
-    write_bag: WriteBag, tmp_path: Path
-) -> None:
-    path = write_bag(tmp_path / 'bag', n=30)
-    data = (path / 'bag_0.mcap').read_bytes()
-    whole = read_all(path).messages
-    cut = tmp_path / 'cut.mcap'
-    longest = 0
-    for size in [*range(0, 200, 7), *range(200, len(data), 311)]:
-        cut.write_bytes(data[:size])
-        content = read_all(cut)
-        assert content.messages == whole[: len(content.messages)]
-        assert content.problems
-        assert len(content.messages) >= longest
-        longest = len(content.messages)
-    assert longest == len(whole)
-
-
 def test_bytes_hit_anywhere_never_raise_and_never_change_what_comes_out(
     write_bag: WriteBag, tmp_path: Path
 ) -> None:

@@ -146,15 +146,6 @@ def test_a_message_later_than_any_clock_is_left_out(made: SimpleNamespace) -> No
     assert 'at times that no clock shows (1 records left out)' in check.damage[0]
 
 
-def test_check_refuses_what_is_no_bag(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match='holds no bag'):
-        check_bag(tmp_path)
-    with pytest.raises(RecordingError, match='nowhere does not exist'):
-        check_bag(tmp_path / 'nowhere')
-    (tmp_path / 'junk.mcap').write_bytes(b'hello')
-    assert 'does not begin like an MCAP file' in check_bag(tmp_path / 'junk.mcap').damage[0]
-
-
 def test_repair_of_a_bag_cut_at_any_byte_is_a_closed_bag_that_others_read(
     made: SimpleNamespace, tmp_path: Path
 ) -> None:

@@ -4,14 +4,12 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
 
-from benchmarks.harness.rows import BenchResult
-from tactile_ros.evaluation.figures import STYLE, Plot, log_ticks, nice_ticks, standalone
+from tactile_ros.evaluation.figures import STYLE, Plot, standalone
 
 GROUNDS = 'paper', 'card', 'tint'
 WORDS = 'ink', 'soft', 'warn', 'c0', 'c2'
@@ -72,28 +70,6 @@ def test_a_drawing_is_whole_and_brings_its_colours() -> None:
     assert '.c4 {' in style
     assert 'h1' not in style
     assert style.count('{') == style.count('}')
-
-
-def test_a_bench_writes_its_drawings(tmp_path: Path) -> None:
-    result = BenchResult('b', 'c', [1], [], drawings={'map': standalone(plot())})
-    (path,) = result.draw(tmp_path / 'images')
-    assert path == tmp_path / 'images' / 'b_map.svg'
-    assert path.read_text().startswith('<svg xmlns')
-    assert 'drawings' not in result.write(tmp_path).read_text()
-
-
-@pytest.mark.parametrize('span', [(0.0, 1.0), (-3.3, 3.3), (0.0, 37.0), (1e-4, 9e-4), (5.0, 5.0)])
-def test_ticks_are_round_few_and_inside(span: tuple[float, float]) -> None:
-    ticks = nice_ticks(*span, 4)
-    assert all(span[0] - 1e-9 <= tick <= span[1] + 1e-9 for tick in ticks)
-    assert 1 <= len(ticks) <= 8
-    steps = np.diff(ticks)
-    assert np.allclose(steps, steps[:1])
-
-
-def test_logarithmic_ticks_are_decades() -> None:
-    assert log_ticks(20, 990) == [20, 50, 100, 200, 500]
-    assert log_ticks(1, 1e6) == [1, 10, 100, 1000, 1e4, 1e5, 1e6]
 
 
 def test_plot_maps_linear_and_logarithmic_values_to_pixels() -> None:

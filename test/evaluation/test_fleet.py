@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 
 from tactile_ros.cli.replay import evaluate
-from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import fleet, recording_files
 from tactile_ros.evaluation.fleet import (
     Job,
@@ -25,12 +24,11 @@ from tactile_ros.evaluation.fleet import (
     pooled,
     run_job,
     run_jobs,
-    save,
     table,
 )
 from tactile_ros.evaluation.metrics import ROWS, frames_dropped
 from tactile_ros.evaluation.recording_files import ClassesChangedError, load, save_recording
-from tactile_ros.evaluation.report import environment, figures_of, for_drawing
+from tactile_ros.evaluation.report import figures_of, for_drawing
 from tactile_ros.messages import fill_contacts
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame
@@ -97,20 +95,6 @@ def test_a_failed_recording_is_an_outcome_and_the_rest_is_merged(folder: Path) -
     columns, rows = table(found)
     assert len(rows) == 4 * 2
     assert {row[columns.index('calibration')] for row in rows} == {'a', 'b'}
-
-
-def test_the_result_is_saved_with_what_can_be_added_up(folder: Path, tmp_path: Path) -> None:
-    found = run_jobs(jobs_of(folder, 'rows.npz', 'broken', 'two'))
-    text, arrays = save(tmp_path / 'out', found, 'tactile replay', environment())
-    document = json.loads(text.read_text())
-    parts = [one['answers'][0]['targets']['position'] for one in document['recordings']]
-    whole = document['all']['answers'][0]['targets']['position']
-    for name in ('count', 'sum', 'sum_of_squares'):
-        assert sum(part[name] for part in parts) == pytest.approx(whole[name], rel=1e-12)
-    assert list(document['failed']) == [str(folder / 'broken')]
-    with np.load(arrays, allow_pickle=False) as stored:
-        assert stored['0/0/position'].sum() == parts[0]['count'] > 0
-        assert len(stored['bin_edges']) == len(stored['0/0/position']) - 1
 
 
 def test_processes_find_the_same(folder: Path) -> None:
@@ -293,16 +277,6 @@ def captions(dataset: Dataset) -> list[tuple[str, str]]:
     return [(figure.title, figure.caption) for figure in figures]
 
 
-def test_labels_count_as_the_pipeline_numbers_them(bag: Path, pipeline: Pipeline) -> None:
-    assert 'label' not in judged(bag, pipeline).answers[0].hits  # it knows no mug
-
-
-def test_a_bag_of_another_board_is_refused(write_bag: Callable[..., Path], tmp_path: Path) -> None:
-    other, path = load_sensor('gradiometer').pipeline(), write_bag(tmp_path / 'bag')
-    with pytest.raises(RecordingError, match='which no calibration is for'):
-        evaluate_bag(path, {'c': other})
-
-
 def test_contacts_without_a_frame_are_counted_once(
     make: SimpleNamespace, open_bag: Callable, pipeline: Pipeline, tmp_path: Path,
     in_pieces: Callable[[int, int], None],
@@ -340,14 +314,3 @@ def test_a_run_that_learned_a_class_is_held_in_memory(
     outcome = run_job(Job(str(path), (str(tmp_path / 'c.npz'),)))
     assert outcome.failure == ''
     assert outcome.results[0].frames == 9
-
-
-def test_what_is_cut_off_is_judged_as_far_as_it_goes(
-    bag: Path, pipeline: Pipeline, tmp_path: Path
-) -> None:
-    data = next(bag.glob('*.mcap')).read_bytes()
-    cut = tmp_path / 'cut.mcap'
-    cut.write_bytes(data[: len(data) // 2])
-    found = judged(cut, pipeline)
-    assert 100 < found.frames < FRAMES
-    assert any('cut off' in problem for problem in found.problems)

@@ -12,14 +12,11 @@ import pytest
 
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.lerobot import (
-    Series,
-    hand_feature,
     pooled,
     statistics,
     write_dataset,
 )
 from tactile_ros.evaluation.recording_files import load
-from tactile_ros.hands.drivers import JOINT_STATE, NUMBERS, TRAJECTORY
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -188,15 +185,6 @@ def test_bags_with_other_features_or_senseless_stamps_are_refused(
         assert not (tmp_path / 'out').exists()
 
 
-def test_topics_of_hands_are_states_or_commands() -> None:
-    assert hand_feature('/joint_states', JOINT_STATE) == 'observation.state'
-    assert hand_feature('/allegroHand_0/joint_cmd', JOINT_STATE) == 'action'
-    assert hand_feature('/hand/joint_trajectory', TRAJECTORY) == 'action'
-    assert hand_feature('/controller/commands', NUMBERS) == 'action'
-    assert hand_feature('/controller/efforts', NUMBERS) == ''
-    assert hand_feature('/frame', 'tactile_ros/msg/TactileFrame') == ''
-
-
 def test_statistics_pass_over_unknown_values_and_are_pooled_exactly() -> None:
     rng = np.random.default_rng(0)
     values = rng.normal(2.0, 3.0, (50, 4, 3))
@@ -211,9 +199,3 @@ def test_statistics_pass_over_unknown_values_and_are_pooled_exactly() -> None:
         np.testing.assert_allclose(both[name], whole[name])
     assert both['q01'] == np.minimum(parts[0]['q01'], parts[1]['q01']).tolist()
     assert statistics(np.full((3, 1), np.nan), 3)['mean'] == [0.0]
-
-
-def test_series_hold_the_latest_value_and_the_first_before_it() -> None:
-    parts = [Series(np.array([20, 40]), np.array([2, 4])), Series(np.array([30]), np.array([3]))]
-    series = Series.join(parts)
-    assert series.held(np.array([10, 20, 39, 99])).tolist() == [2, 2, 3, 4]

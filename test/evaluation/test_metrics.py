@@ -13,8 +13,6 @@ from scipy import stats
 
 from tactile_ros.evaluation.metrics import (
     ONE_SIGMA,
-    accuracy,
-    average_euclidean_error,
     confusion,
     coverage,
     coverage_by_thirds,
@@ -39,13 +37,6 @@ def test_rows_of_a_confusion_are_true_cells() -> None:
     assert np.isnan(confusion(SAID[:3], TRUE[:3], 3)[1]).all()
 
 
-def test_errors_are_means_over_touches_seen_from_above() -> None:
-    known = SAID >= 0
-    error = average_euclidean_error(SAID[known], TRUE[known], CENTRES)
-    assert np.isclose(error, 10.0 / 5)
-    assert np.isclose(accuracy(SAID, TRUE), 400 / 6)
-
-
 def test_coverage_accepts_true_covariances_alone() -> None:
     rng = np.random.default_rng(2)
     error, groups = rng.normal(0, 2, 4000), np.repeat(np.arange(400), 10)
@@ -63,13 +54,6 @@ def test_few_groups_widen_what_is_accepted_to_the_binomial_interval() -> None:
     assert (found.low, found.high) == pytest.approx(ends)
     many = coverage(np.zeros(10_000), np.ones(10_000), np.arange(10_000))
     assert (many.low, many.high) == (ONE_SIGMA - 0.05, ONE_SIGMA + 0.05)
-
-
-def test_coverage_leaves_out_what_has_no_covariance() -> None:
-    error = np.array([0.5, 5.0, 0.5, np.nan])
-    variance = np.array([1.0, 1.0, np.nan, 1.0])
-    assert coverage(error, variance, np.arange(4)).share == 0.5
-    assert math.isnan(coverage(error, np.full(4, np.nan), np.arange(4)).share)
 
 
 def test_coverage_by_thirds_shows_what_cancels_overall() -> None:
@@ -183,11 +167,6 @@ def test_errors_of_position_and_force_against_plain_loops() -> None:
     assert push_error.name == 'force_z'
     assert push_error.spread.rms == pytest.approx(math.sqrt(sum(squares) / 30), rel=1e-12)
     assert push_error.rows.tolist() == list(range(0, samples, 2))
-
-
-def test_nothing_known_means_no_errors() -> None:
-    recording = Recording.from_arrays(LAYOUT, np.zeros((4, 5, 3)))
-    assert target_errors(recording, states_of(force=np.zeros((4, 3)))) == ()
 
 
 def test_places_that_do_not_repeat_give_way_to_other_groups() -> None:

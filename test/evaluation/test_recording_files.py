@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import io
-import os
 import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -14,7 +13,7 @@ from tactile_ros.errors import MissingPackageError, RecordingError
 from tactile_ros.evaluation import bag
 from tactile_ros.evaluation.bag import all_types
 from tactile_ros.evaluation.recording_files import load, load_recording, save_recording
-from tactile_ros.evaluation.truth import nearest, nearest_of_key
+from tactile_ros.evaluation.truth import nearest
 from tactile_ros.types import Layout, Recording
 
 if TYPE_CHECKING:
@@ -76,12 +75,6 @@ def test_npz_gives_the_recording_back_bit_by_bit(recording: Recording, tmp_path:
     assert load(tmp_path / 'a.npz').recordings[0].name == 'a'
 
 
-def test_npz_of_no_frames_comes_back(tmp_path: Path) -> None:
-    save_recording(Recording.from_arrays(LAYOUT, np.zeros((0, 2, 3))), tmp_path / 'a.npz')
-    back = load_recording(tmp_path / 'a.npz')
-    assert (len(back), back.stamp_ns) == (0, None)
-
-
 class Trap:
     def __reduce__(self) -> tuple:
         return (pytest.fail, ('unpickled',))
@@ -126,14 +119,6 @@ def test_csv_gives_the_same_recording(recording: Recording, tmp_path: Path) -> N
     assert_same(load(tmp_path / 'a.csv', LAYOUT).recordings[0].recording, recording)
 
 
-def test_csv_seconds_keep_their_nanoseconds(tmp_path: Path) -> None:
-    layout = Layout(np.zeros((1, 3)), ('u',), '1')
-    file = tmp_path / 'a.csv'
-    file.write_text('time_s,u_0\n1743468220.123456789,0.5\n1743468221,0.25\n')
-    back = load(file, layout).recordings[0].recording
-    assert back.stamp_ns.tolist() == [1743468220123456789, 1743468221000000000]
-
-
 Put = Callable[..., None]
 
 
@@ -172,12 +157,6 @@ def test_csv_that_makes_no_sense_is_refused_with_a_sentence(
     file.write_text(text)
     with pytest.raises(RecordingError, match=sentence):
         load(file, Layout(np.zeros((1, 3)), ('u',), '1'))
-
-
-def test_csv_that_is_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / 'a.csv')
-    with pytest.raises(RecordingError, match='it is no file'):
-        load(tmp_path / 'a.csv', Layout(np.zeros((1, 3)), ('u',), '1'))
 
 
 def test_a_bag_becomes_frames_contacts_baselines_and_truth(
@@ -265,18 +244,6 @@ def test_garbage_in_place_of_messages_never_raises_anything_else(
     assert one.contacts is not None
 
 
-def test_restarted_counter_begins_a_new_stream(
-    put: Put, make: SimpleNamespace, tmp_path: Path
-) -> None:
-    put('/layout', make.layout())
-    for k, sequence in enumerate([0, 1, 2, 0, 1]):
-        put('/frame', make.frame(sequence, np.zeros(15), 1000 + k), k)
-        put('/truth/contacts', make.contacts(sequence, 0, force=(k, 0, 0)), k)
-    recording = load(tmp_path / 'bag').recordings[0].recording
-    assert recording.stream.tolist() == [0, 0, 0, 1, 1]
-    assert recording.truth['force'][:, 0].tolist() == [0, 1, 2, 3, 4]  # heard beside its frame
-
-
 def test_truth_of_other_instruments_is_taken_at_the_nearest_time(
     put: Put, make: SimpleNamespace, tmp_path: Path
 ) -> None:
@@ -304,20 +271,6 @@ def test_nearest_against_the_plain_search() -> None:
             assert index == -1
         else:
             assert distance[index] == distance.min()
-
-
-def test_nearest_of_key_against_the_plain_search() -> None:
-    rng = np.random.default_rng(4)
-    keys, times = rng.integers(0, 9, 80), rng.integers(0, 1000, 80)
-    asked_keys, asked = rng.integers(0, 12, 300), rng.integers(-50, 1050, 300)
-    rows = nearest_of_key(keys, times, asked_keys, asked)
-    for key, time, row in zip(asked_keys, asked, rows, strict=True):
-        same = np.abs(times[keys == key] - time)
-        if len(same):
-            assert keys[row] == key
-            assert abs(times[row] - time) == same.min()
-        else:
-            assert row == -1
 
 
 def test_a_bag_without_rosbags_is_one_sentence(

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation.figures import drift, force_scatter, hysteresis
+from tactile_ros.evaluation.figures import drift, hysteresis
 from tactile_ros.evaluation.metrics import (
-    UNCOVERED,
     Agreement,
     class_errors,
     target_errors,
@@ -21,15 +20,12 @@ from tactile_ros.evaluation.report import (
     Dataset,
     Result,
     colours_of,
-    figure_text,
     figures_of,
     headline,
-    provenance,
     render,
     table,
     write_report,
 )
-from tactile_ros.sensors import load_sensor
 from tactile_ros.types import ContactStates, Layout, Recording
 
 if TYPE_CHECKING:
@@ -147,26 +143,6 @@ def test_figures_of_say_their_findings() -> None:
     assert all('nan' not in figure.drawing for figure in figures.values())
 
 
-@pytest.mark.parametrize(
-    ('size', 'groups', 'words'),
-    [
-        (0.99, 400, 'sigmas look too small)'),
-        (0.99, 3, 'sigmas look too small, and 3 groups cannot tell)'),
-        (3.0, 400, 'as it should)'),
-        (9.0, 400, 'sigmas look too large)'),
-    ],
-)
-def test_verdict_agrees_with_the_drawn_band(size: float, groups: int, words: str) -> None:
-    (dataset,) = result_of().datasets
-    target = dataset.answers[0].target('force_z')
-    error = 3.0 * np.random.default_rng(5).normal(size=(len(target.rows), 1))
-    changed = replace(
-        target, error=error, variance=np.full_like(error, size**2),
-        groups=np.arange(len(error)) % groups, coverage=UNCOVERED,
-    )  # fmt: skip
-    assert words.rstrip(')') in force_scatter(changed, 'c0').caption
-
-
 def test_report_of_a_recording_without_truth_or_answers() -> None:
     (full,) = result_of().datasets
     fields = {'frames': 1, 'dropped': 0, 'chips': full.chips}
@@ -222,28 +198,6 @@ def test_table_has_a_row_for_each_estimator_and_columns_with_values() -> None:
     columns, _ = table(result_of(datasets=(Dataset('n', '', (alone,), 3, 0, dataset.chips),)))
     wanted = 'recording, estimator, normal RMSE (N), force in 1 sigma (%), groups, dropped'
     assert ', '.join(columns) == wanted
-
-
-@pytest.mark.parametrize(
-    ('value', 'text'),
-    [
-        (0.3612, '0.361'), (36.12, '36.1'), (0.00123, '0.00123'), (4805, '4,805'),
-        (float('nan'), '–'), (None, '–'), ('ridge', 'ridge'),
-    ],
-)  # fmt: skip
-def test_figure_text_has_three_digits(value: float | str | None, text: str) -> None:
-    assert figure_text(value) == text
-
-
-def test_provenance_names_recordings_calibration_and_configuration() -> None:
-    sensor = load_sensor('reskin_board')
-    pipeline = sensor.pipeline(replace(sensor.config(), rate_hz=123.0))
-    facts = provenance(['bags/a', 'b.npz'], {'place.npz': pipeline})
-    assert facts['recordings'] == 'bags/a, b.npz'
-    assert facts['calibration place.npz'].startswith(f'{pipeline.digest}, reskin_board: ')
-    assert 'rate_hz 123.0' in facts['config of place.npz']
-    assert max(map(len, facts['config of place.npz'].split('; '))) < 120
-    assert {'tactile_ros', 'numpy'} <= facts.keys()
 
 
 @pytest.mark.parametrize('width', [390, 1200])
@@ -322,11 +276,3 @@ def test_confusion_figure_names_what_is_confused() -> None:
     assert 'nan' not in figure.drawing
     columns, (row,) = table(result_of(datasets=(dataset,)))
     assert row[columns.index('named rightly (%)')] == 62.5
-
-
-def test_competitors_are_the_first_answers_of_each_name() -> None:
-    (full,) = result_of().datasets
-    first, other = full.answers
-    dataset = Dataset('x', '', (first, other, first), 3, 0, full.chips)
-    assert [*dataset.competitors] == [first.name, other.name]
-    assert len(table(result_of(datasets=(dataset,)))[1]) == 3
