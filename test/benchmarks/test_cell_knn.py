@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from benchmarks.worlds.cell_knn import CellKnn
-from tactile_ros.errors import NotCalibratedError
 
 
 def slow_distance(a: np.ndarray, b: np.ndarray, power: float) -> float:
@@ -61,18 +60,3 @@ def test_distances_of_large_fields_do_not_cancel() -> None:
     np.testing.assert_array_equal(said, cells)
 
 
-def test_distances_differ_and_one_that_is_none_is_refused() -> None:
-    samples, cells = np.array([[0.9, 0.9], [1.2, 0.0]]), np.array([1, 2])
-    said = [CellKnn(1, power).fit(samples, cells).predict(np.zeros((1, 2)))[0]
-            for power in (1.0, 2.0, np.inf)]  # fmt: skip
-    assert said == [2, 2, 1]
-    for power in (0.5, np.nan):
-        with pytest.raises(ValueError, match='power of CellKnn must be 1 or more'):
-            CellKnn(1, power)
-
-
-def test_fewer_samples_than_neighbours_and_none() -> None:
-    knn = CellKnn(10).fit(np.array([[0.0], [1.0], [1.1]]), np.array([2, 5, 5]))
-    assert knn.predict(np.array([[0.4]])).tolist() == [5]
-    with pytest.raises(NotCalibratedError):
-        CellKnn().predict(np.zeros((1, 2)))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from benchmarks.harness.fault_trials import RATE_HZ, Road, suffer, telling, usable, ways
+from benchmarks.harness.fault_trials import RATE_HZ, Road, suffer
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame, TaxelStatus
 
@@ -71,20 +71,3 @@ def test_a_driver_that_never_recovers_has_no_recovery(
     assert suffer(road, 'lost', 1, 0.25).recovery_s == np.inf
 
 
-def test_usable_is_measured_and_not_marked() -> None:
-    values = np.array([[1.0], [np.nan], [1.0], [1.0]])
-    status = np.array([0, 0, TaxelStatus.SATURATED, TaxelStatus.STALE], np.uint8)
-    assert usable(Frame(0, 0, values, status=status)).tolist() == [True, False, False, True]
-    assert usable(Frame(0, 0, values)).tolist() == [True, False, True, True]
-
-
-def test_the_signal_moves_every_channel_until_it_stays() -> None:
-    spec = load_sensor('multipole_skin')
-    signal = telling(spec.layout(spec.config()), 3)
-    assert (np.diff([signal(t) for t in (0.0, 1.0, 14.0)], axis=0) > 0).all()
-    np.testing.assert_array_equal(signal(20.0), signal(30.0))
-
-
-def test_sensors_of_chips_have_three_ways_the_others_one() -> None:
-    assert len(ways(load_sensor('magnet_pad'))) == 3
-    assert ways(load_sensor('taxel_array')) == [{}]

@@ -10,7 +10,6 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from benchmarks.harness import independent
 from benchmarks.harness.independent import FOLDER, TASKS, Task, figure, independent_rows
 
 
@@ -66,11 +65,6 @@ def test_quick_benches_leave_slow_tasks_out_and_unanswered_ones_are_missed(
     assert not said.out
     assert 'only 0.0 %' in said.err
     assert 'told' in said.err
-
-
-def test_an_installed_package_has_no_rows_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(independent, 'FOLDER', FOLDER / 'nothing')
-    assert independent_rows('five_wire_skin', 'full') == []
 
 
 def test_a_figure_comes_through_the_public_face() -> None:

@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 from benchmarks.harness.plots import (
-    costs,
-    curves,
     drawings,
     edges_of,
     object_map,
@@ -61,22 +59,6 @@ def test_an_object_lies_over_its_taxels(build: object) -> None:
     assert len(paths(svg, 'line c1')) == len(paths(svg, 'line ink')) == len(lines)
     assert svg.count('>x<') == int(few)
     assert len(svg) < 100 * 1024
-
-
-def test_lines_are_placed_by_turn_and_shift() -> None:
-    line = np.array([[1.0, 0.0], [0.0, 1.0]])
-    found = placed([line], np.array([1.0, 2.0, np.pi / 2]))[0]
-    np.testing.assert_allclose(found, [[1.0, 3.0], [0.0, 2.0]], atol=1e-12)
-
-
-def test_curves_and_costs_name_what_they_draw() -> None:
-    x = np.linspace(1, 3, 5)
-    svg = curves({'one': (x, x), 'two': (x, x**2)}, ('x', 'y'), 'two curves', log_y=True)
-    assert len(paths(svg, 'line c0')) == len(paths(svg, 'line c1')) == 1
-    assert 'one' in svg
-    assert 'two' in svg
-    svg = costs({'slow': (100.0, 1e-3), 'quick': (2.0, 0.1)}, ('us', 'error'), 'methods')
-    assert len(paths(svg, 'fill c0')) == len(paths(svg, 'fill c1')) == 1
 
 
 def test_faults_of_a_grasp_are_drawn_also_where_nothing_reacted_or_was_heard() -> None:

@@ -23,21 +23,22 @@ if TYPE_CHECKING:
 
     WriteBag = Callable[..., Path]
 
-NO_ARROW = 'pyarrow is not installed: pip install pyarrow'
-
 
 @pytest.fixture
 def bag(write_bag: WriteBag, tmp_path: Path) -> Path:
     return write_bag(tmp_path / 'bag', n=40, lost=(7, 8))
 
 
-def test_csv_of_frames_is_the_recording_of_the_bag(bag: Path, tmp_path: Path) -> None:
+def test_tables_of_frames_and_contacts_are_the_recording_of_the_bag(
+    bag: Path, tmp_path: Path
+) -> None:
     done = write_tables([bag], tmp_path / 'out', CsvFile, [])
     assert done.rows == [('bag', 'sensor', 38, 38, 0)]
     assert done.left_out == []
     assert 'bag: sensor: no newtons of taxels: no calibration was named' in done.notes
     assert 'bag: not exported: /truth/contacts' in done.notes
     (stored,) = load(bag).recordings
+    place = stored.contacts.states.position
     folder = tmp_path / 'out' / 'bag' / 'sensor'
     (again,) = load(folder / 'frames.csv', stored.recording.layout).recordings
     for name in ('values', 'stamp_ns', 'sequence', 'stream'):
@@ -46,47 +47,44 @@ def test_csv_of_frames_is_the_recording_of_the_bag(bag: Path, tmp_path: Path) ->
     with (folder / 'contacts.csv').open() as file:
         rows = list(csv.DictReader(file))
     places = [[float(row['position_x']), float(row['position_y'])] for row in rows]
-    np.testing.assert_array_equal(places, stored.contacts.states.position[:, :2])
+    np.testing.assert_array_equal(places, place[:, :2])
     assert {row['position_z'] for row in rows} == {''}
     assert json.loads((folder / 'layout.json').read_text())['channels'] == ['Bx', 'By', 'Bz']
-
-
-def test_parquet_holds_the_same_numbers(bag: Path, tmp_path: Path) -> None:
-    parquet = pytest.importorskip('pyarrow.parquet', reason=NO_ARROW)
-    write_tables([bag], tmp_path / 'out', ParquetFile, [])
-    (stored,) = load(bag).recordings
-    folder = tmp_path / 'out' / 'bag' / 'sensor'
+    parquet = pytest.importorskip('pyarrow.parquet', reason='pip install pyarrow')
+    write_tables([bag], tmp_path / 'parquet', ParquetFile, [])
+    folder = tmp_path / 'parquet' / 'bag' / 'sensor'
     frames = parquet.read_table(folder / 'frames.parquet').to_pydict()
     np.testing.assert_array_equal(np.array(frames['values']), stored.recording.values)
     assert frames['stamp_ns'] == stored.recording.stamp_ns.tolist()
     assert np.shape(frames['status']) == np.shape(frames['temperature_c']) == (38, 5)
     contacts = parquet.read_table(folder / 'contacts.parquet').to_pydict()
-    np.testing.assert_array_equal(contacts['position'], stored.contacts.states.position)
+    np.testing.assert_array_equal(contacts['position'], place)
+
+
+class Fitting:
+    """Pipeline of every layout that estimates forces of taxels, and what follows it."""
+
+    estimators = ('taxel_force',)
+
+    def __init__(self, *_: object) -> None: ...
+
+    def check_layout(self, _: object) -> None: ...
+
+    def __call__(self, piece: SimpleNamespace) -> Fitting:
+        self.taxel_force = np.full(piece.recording.values.shape[:2], 0.5)
+        return self
+
+
+class Other(Fitting):
+    def check_layout(self, _: object) -> None:
+        msg = 'another shape'
+        raise ValueError(msg)
 
 
 def test_newtons_of_taxels_are_written_where_a_calibration_gives_them(
     bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class Other:
-        def check_layout(self, _: object) -> None:
-            msg = 'another shape'
-            raise ValueError(msg)
-
-    class Fitting:
-        estimators = ('taxel_force',)
-
-        def check_layout(self, _: object) -> None:
-            pass
-
-    class Fixed:
-        def __init__(self, *_: object) -> None:
-            pass
-
-        def __call__(self, piece: SimpleNamespace) -> SimpleNamespace:
-            self.taxel_force = np.full(piece.recording.values.shape[:2], 0.5)
-            return self
-
-    monkeypatch.setattr(export, 'Follower', Fixed)
+    monkeypatch.setattr(export, 'Follower', Fitting)
     done = write_tables([bag], tmp_path / 'out', CsvFile, [Other(), Fitting()])
     assert done.rows == [('bag', 'sensor', 38, 38, 38)]
     with (tmp_path / 'out' / 'bag' / 'sensor' / 'forces.csv').open() as file:

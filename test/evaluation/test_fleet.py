@@ -24,11 +24,12 @@ from tactile_ros.evaluation.fleet import (
     pooled,
     run_job,
     run_jobs,
+    save,
     table,
 )
 from tactile_ros.evaluation.metrics import ROWS, frames_dropped
 from tactile_ros.evaluation.recording_files import ClassesChangedError, load, save_recording
-from tactile_ros.evaluation.report import figures_of, for_drawing
+from tactile_ros.evaluation.report import environment, for_drawing
 from tactile_ros.messages import fill_contacts
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame
@@ -62,18 +63,6 @@ def jobs_of(folder: Path, *names: str) -> list[Job]:
     return [Job(str(folder / name), calibrations) for name in names]
 
 
-def numbers(outcomes: list[Outcome]) -> list[object]:
-    """Everything but times."""
-    return [
-        [
-            (one.name, one.frames, one.dropped, one.problems, answer.calibration, answer.hits,
-             repr([(t.name, t.spread, t.coverage) for t in answer.targets]))
-            for one in outcome.results for answer in one.answers
-        ] or 'failed'
-        for outcome in outcomes
-    ]  # fmt: skip
-
-
 def test_a_failed_recording_is_an_outcome_and_the_rest_is_merged(folder: Path) -> None:
     heard: list[str] = []
     jobs = jobs_of(folder, 'one', 'broken', 'two', 'rows.npz', 'missing')
@@ -95,6 +84,25 @@ def test_a_failed_recording_is_an_outcome_and_the_rest_is_merged(folder: Path) -
     columns, rows = table(found)
     assert len(rows) == 4 * 2
     assert {row[columns.index('calibration')] for row in rows} == {'a', 'b'}
+    text, arrays = save(folder / 'saved', found, 'tactile replay', environment())
+    document = json.loads(text.read_text())
+    parts = [one['answers'][0]['targets']['position'] for one in document['recordings']]
+    pool = document['all']['answers'][0]['targets']['position']
+    for name in ('count', 'sum', 'sum_of_squares'):
+        assert sum(part[name] for part in parts) == pytest.approx(pool[name], rel=1e-12)
+    assert list(document['failed']) == [str(folder / name) for name in ('broken', 'missing')]
+    with np.load(arrays, allow_pickle=False) as stored:
+        assert stored['0/0/position'].sum() == parts[0]['count'] > 0
+        assert len(stored['bin_edges']) == len(stored['0/0/position']) - 1
+
+
+def numbers(outcomes: list[Outcome]) -> list[object]:
+    """Everything but times."""
+    return [
+        (one.name, one.frames, one.dropped, one.problems, answer.calibration, answer.hits,
+         repr([(t.name, t.spread, t.coverage) for t in answer.targets]))
+        for outcome in outcomes for one in outcome.results for answer in one.answers
+    ]  # fmt: skip
 
 
 def test_processes_find_the_same(folder: Path) -> None:
@@ -103,29 +111,25 @@ def test_processes_find_the_same(folder: Path) -> None:
     assert numbers(together) == numbers(run_jobs(jobs))
 
 
-def test_a_killed_process_gives_its_jobs_back() -> None:
+def test_a_killed_process_gives_its_jobs_back_and_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     heard: list[object] = []
     kill = signal.SIGKILL
     assert fleet._pool([kill], 1, heard.append, signal.raise_signal) == [kill]  # type: ignore[list-item]
     assert heard == []
-
-
-def test_a_process_that_dies_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     jobs = [Job('deadly', ()), Job('good', ())]
-    lost = {'deadly'}
 
     def pool(asked: list[Job], workers: int, heard: Callable[[Outcome], None]) -> list[Job]:
-        if len(asked) > 1:
+        if len(asked) > 1 or asked[0].recording == 'deadly':
             return asked  # the pool broke: nobody knows whose fault it was
-        if asked[0].recording in lost:
-            return asked
         heard(Outcome(asked[0]))
         return []
 
     monkeypatch.setattr(fleet, '_pool', pool)
-    found = run_jobs(jobs, workers=2)
-    assert found[0].failure == 'deadly: the process that read it died'
-    assert not found[1].failure
+    dead, good = run_jobs(jobs, workers=2)
+    assert dead.failure == 'deadly: the process that read it died'
+    assert not good.failure
 
 
 @pytest.mark.slow
@@ -233,17 +237,15 @@ def same(one: Dataset, other: Dataset) -> None:
         assert max(a.agreement.largest, b.agreement.largest) <= 1e-12
         assert a.hits == b.hits
         assert a.hits['in_contact']['right'] > 100
-        assert [t.name for t in a.targets] == [t.name for t in b.targets]
+        assert 'label' not in a.hits  # the pipeline knows no mug
         for mine, theirs in zip(a.targets, b.targets, strict=True):
-            assert (mine.missed, mine.invalid) == (theirs.missed, theirs.invalid)
+            assert (mine.name, mine.missed) == (theirs.name, theirs.missed)
             for name in ('spread', 'coverage'):
                 figures, others = astuple(getattr(mine, name)), astuple(getattr(theirs, name))
                 assert figures == pytest.approx(others, rel=1e-9, nan_ok=True)
             for name in ROWS:
                 columns = getattr(mine, name), getattr(theirs, name)
                 np.testing.assert_allclose(*columns, rtol=1e-9, atol=1e-15)
-    assert captions(one) == captions(other)
-    assert len(captions(one)) > 3
 
 
 @pytest.fixture
@@ -268,13 +270,6 @@ def test_pieces_of_any_length_are_the_bag_in_memory(
     assert pieces.dropped == frames_dropped(loaded.recording.sequence, loaded.recording.restarts)
     (told,) = (text for text in pieces.problems if text.startswith('no latency'))
     assert told in whole.problems  # its frames are an hour ahead of the recorder
-
-
-def captions(dataset: Dataset) -> list[tuple[str, str]]:
-    """Headlines and findings, but for times."""
-    untimed = (replace(answer, us_single=1.0) for answer in dataset.answers)
-    figures = figures_of(replace(dataset, answers=tuple(untimed)), {'ridge': 'c0'})
-    return [(figure.title, figure.caption) for figure in figures]
 
 
 def test_contacts_without_a_frame_are_counted_once(

@@ -143,6 +143,59 @@ def test_figures_of_say_their_findings() -> None:
     assert all('nan' not in figure.drawing for figure in figures.values())
 
 
+def remembering(force: np.ndarray, error: np.ndarray, time: np.ndarray) -> Dataset:
+    """Presses along z with their error, and cells of which half of 0 is taken for 1."""
+    count = len(force)
+    z = np.column_stack([np.full((count, 2), np.nan), force])
+    cell = (time // 10).astype(int)
+    said = np.where(time < 5, 1, np.where(time >= 30, -1, cell))
+    truth = {'force': z, 'cell': cell}
+    recording = Recording.from_arrays(
+        LAYOUT, np.zeros((count, 5, 3)), np.round(1e9 * time).astype(np.int64), truth=truth
+    )
+    known = {'force': z + [[0, 0, 1]] * error[:, None], 'cell': said, 'valid': time >= 0}
+    states = ContactStates.assemble(count, 5, known)
+    answer = Answer(
+        'ridge', target_errors(recording, states), classes=class_errors(truth, states)
+    )
+    return Dataset('made', '', (answer,), count, 0, LAYOUT.positions)
+
+
+def test_hysteresis_drift_and_confusion_measure_gap_slope_and_share() -> None:
+    time = np.arange(800) * 0.05
+    force = 5 - 5 * np.cos(2 * np.pi * time / 10)
+    gap = remembering(force, np.where(np.gradient(force) < 0, 0.3, 0.0), time)
+    words = '0.3 N apart on average, at worst 0.3 N: 3 % of the range'
+    assert words in hysteresis(gap.answers[0].target('force_z')).caption
+    moved = drift(remembering(force, 0.02 * time, time).answers[0].target('force_z'), 'c0')
+    assert 'Over 40 s the mean error moves by +0.799 N' in moved.caption
+    (figure,) = [f for f in figures_of(gap, {'ridge': 'c0'}) if 'taken for' in f.title]
+    assert figure.title == 'Which cell is taken for which'
+    assert '62.5 % of 800 rows are named rightly, 25 % are not named' in figure.caption
+    assert 'taken most often: 0 for 1 (50 %)' in figure.caption
+    columns, (row,) = table(result_of(datasets=(gap,)))
+    assert row[columns.index('named rightly (%)')] == 62.5
+    still = drift(remembering(force, 0.0 * time, time).answers[0].target('force_z'), 'c0')
+    assert 'nan' not in moved.drawing + still.drawing + figure.drawing
+
+
+@pytest.mark.parametrize('rate', [20.0, 1000.0])
+def test_hysteresis_at_any_rate_and_under_noise(rate: float) -> None:
+    rng, corners = np.random.default_rng(1), np.array([0.0, 1, 4, 6, 7, 8, 9, 10])
+    time = np.arange(round(60 * rate)) / rate
+    part = time % 10
+    force = np.interp(part, corners, [0, 0, 10, 10, 0, 0, 9.0, 0])  # a slow rise, quick ones
+    error = np.where(((part > 6) & (part <= 7)) | (part > 9), 0.3, 0.0)
+    held = (part > 4) & (part <= 6)
+    error[held] = 2.0 * (part[held] - 4)  # creep under a hold is no hysteresis
+    noisy = force + 0.01 * rng.normal(size=len(time))
+    target = remembering(noisy, error, time).answers[0].target('force_z')
+    caption = hysteresis(target).caption
+    apart, worst = (float(word) for word in re.findall(r'([0-9.]+) N[ :]', caption)[:2])
+    assert apart == pytest.approx(0.3, abs=0.02)
+    assert worst == pytest.approx(0.3, abs=0.1)
+
+
 def test_report_of_a_recording_without_truth_or_answers() -> None:
     (full,) = result_of().datasets
     fields = {'frames': 1, 'dropped': 0, 'chips': full.chips}
@@ -211,68 +264,3 @@ def test_report_fits_a_browser_without_complaints(
     assert seen.complaints == ''
 
 
-def remembering(gap: float, slope: float) -> Dataset:
-    """Four presses of 10 N whose error is `gap` larger while they fall, and grows by `slope`."""
-    time = np.arange(800) * 0.05
-    force = 5 - 5 * np.cos(2 * np.pi * time / 10)
-    error = np.where(np.gradient(force) < 0, gap, 0.0) + slope * time
-    truth = {'force': np.column_stack([np.full((800, 2), np.nan), force]), 'cell': time // 10}
-    stamps = np.arange(800) * 50_000_000
-    recording = Recording.from_arrays(LAYOUT, np.zeros((800, 5, 3)), stamp_ns=stamps, truth=truth)
-    told = np.column_stack([np.full((800, 2), np.nan), force + error])
-    cell = np.where(time < 5, 1, time // 10).astype(int)  # half of cell 0 is taken for 1
-    cell[-200:] = -1
-    states = ContactStates.assemble(
-        800, 5, {'force': told, 'valid': np.ones(800, bool), 'cell': cell}
-    )
-    errors, classes = target_errors(recording, states), class_errors(truth, states)
-    answer = Answer('ridge', errors, classes=classes)
-    return Dataset('made', '', (answer,), 800, 0, LAYOUT.positions)
-
-
-def test_hysteresis_and_drift_measure_gap_and_slope() -> None:
-    figure = hysteresis(remembering(gap=0.3, slope=0.0).answers[0].target('force_z'))
-    assert '0.3 N apart on average, at worst 0.3 N: 3 % of the range' in figure.caption
-    moved = drift(remembering(gap=0.0, slope=0.02).answers[0].target('force_z'), 'c0')
-    assert 'Over 40 s the mean error moves by +0.799 N' in moved.caption
-    assert 'nan' not in moved.drawing
-    still = drift(remembering(gap=0.0, slope=0.0).answers[0].target('force_z'), 'c0')
-    assert 'nan' not in still.drawing
-
-
-@pytest.mark.parametrize('rate', [20.0, 2000.0])
-def test_hysteresis_at_any_rate_and_under_noise(rate: float) -> None:
-    rng, corners = np.random.default_rng(1), np.array([0.0, 1, 4, 6, 7, 8, 9, 10])
-    time = np.arange(round(60 * rate)) / rate
-    part = time % 10
-    force = np.interp(part, corners, [0, 0, 10, 10, 0, 0, 9.0, 0])  # a slow rise, quick ones
-    falls = ((part > 6) & (part <= 7)) | (part > 9)
-    error = np.where(falls, 0.3, 0.0)
-    held = (part > 4) & (part <= 6)
-    error[held] = 2.0 * (part[held] - 4)  # creep under a hold is no hysteresis
-    noisy = force + 0.01 * rng.normal(size=len(time))
-    blank = np.full((len(time), 2), np.nan)
-    recording = Recording.from_arrays(
-        LAYOUT, np.zeros((len(time), 5, 3)), stamp_ns=np.round(1e9 * time).astype(np.int64),
-        truth={'force': np.column_stack([blank, noisy])},
-    )  # fmt: skip
-    told = np.column_stack([blank, noisy + error])
-    states = ContactStates.assemble(
-        len(time), 5, {'force': told, 'valid': np.ones(len(time), bool)}
-    )
-    answer = Answer('ridge', target_errors(recording, states))
-    figure = hysteresis(answer.target('force_z'))
-    apart, worst = (float(word) for word in re.findall(r'([0-9.]+) N[ :]', figure.caption)[:2])
-    assert apart == pytest.approx(0.3, abs=0.02)
-    assert worst == pytest.approx(0.3, abs=0.1)
-
-
-def test_confusion_figure_names_what_is_confused() -> None:
-    dataset = remembering(0.0, 0.0)
-    (figure,) = [f for f in figures_of(dataset, {'ridge': 'c0'}) if 'taken for' in f.title]
-    assert figure.title == 'Which cell is taken for which'
-    assert '62.5 % of 800 rows are named rightly, 25 % are not named' in figure.caption
-    assert 'taken most often: 0 for 1 (50 %)' in figure.caption
-    assert 'nan' not in figure.drawing
-    columns, (row,) = table(result_of(datasets=(dataset,)))
-    assert row[columns.index('named rightly (%)')] == 62.5
