@@ -221,9 +221,7 @@ class BagWriter(Closing):
         """Messages written per topic."""
         return {name: topic.count for name, topic in self._topics.items()}
 
-    def add_topic(
-        self, topic: str, type_name: str, latched: bool = False, text: str = ''
-    ) -> None:
+    def add_topic(self, topic: str, type_name: str, latched: bool = False, text: str = '') -> None:
         """Announce a topic, latched as transient local, with the text of a foreign type."""
         with self._lock:
             if topic in self._topics:
@@ -357,9 +355,7 @@ class BagContent:
     problems: list[str] = field(default_factory=list)
 
 
-def read_bag(
-    path: str | os.PathLike[str], content: BagContent, takers: Takers
-) -> Iterator[None]:
+def read_bag(path: str | os.PathLike[str], content: BagContent, takers: Takers) -> Iterator[None]:
     """Read a bag (rosbag2 folder, .mcap or .db3) part by part: of an MCAP file a chunk at a time.
 
     The content grows by everything but messages; `takers` gives for topic and type name the

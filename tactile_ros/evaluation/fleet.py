@@ -24,7 +24,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros import calibration as files
-from tactile_ros.errors import MissingPackageError, RecordingError, TactileError
+from tactile_ros.errors import RecordingError, TactileError
+from tactile_ros.evaluation.bag import missing
 from tactile_ros.evaluation.cdr_columns import stack
 from tactile_ros.evaluation.metrics import (
     CLASSES,
@@ -216,9 +217,9 @@ def evaluate_bag(
     """Judge every sensor of a bag, piece by piece.
 
     Path, topics, association and layout are as of `recording_files.Bag`; each pipeline judges the
-    sensors of its shape; the clock (ns) is for the time per frame. Raises ClassesChangedError if
-    classes came and went in the run, which is repeated in a bag that is held as a whole, and
-    RecordingError if there is no bag, no frame that could be read, or no pipeline for any sensor.
+    sensors of its shape. Raises ClassesChangedError if classes came and went in the run, which is
+    repeated in a bag that is held as a whole, and RecordingError if there is no bag, no frame that
+    could be read, or no pipeline for any sensor.
     """
     bag = Bag(path, layout, truth_topics, association, wanted=JUDGED)
     evaluations: dict[str, Evaluation] = {}
@@ -355,8 +356,8 @@ def _on_dask(jobs: Sequence[Job], scheduler: str, heard: Callable[[Outcome], Non
     try:
         import distributed
     except ImportError as err:
-        msg = 'a Dask cluster needs distributed: pip install distributed'
-        raise MissingPackageError(msg) from err
+        package = 'distributed'
+        raise missing(package, 'a Dask cluster') from err
     try:
         client = distributed.Client(scheduler, timeout=10, set_as_default=False)
     except (OSError, ValueError) as err:

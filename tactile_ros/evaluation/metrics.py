@@ -1,9 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Errors against truth, the share of them that stated covariances cover, and errors of classes.
-
-Pure; SI units. The average Euclidean error of cells is that of [2], which weighs a wrong cell by
-the distance of its centre; its text divides by the number of classes; here it is a mean.
-"""
+"""Errors against truth (SI), the share that stated covariances cover, and errors of classes."""
 
 from __future__ import annotations
 
@@ -24,7 +20,6 @@ if TYPE_CHECKING:
 
 ONE_SIGMA = 0.6826894921370859
 WITHIN = {1: ONE_SIGMA, 2: 0.9544997361036416}
-THIRDS = ('least third', 'middle third', 'largest third')
 TOLERANCE = 0.05  # of a coverage
 PLACE = 1e-5  # m, to which places are the same
 MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
@@ -107,20 +102,6 @@ def coverage(error: Array, variance: Array, groups: Integers, sigmas: int = 1) -
     return Coverage(float(inside.mean()), low, high, count, number)
 
 
-def coverage_by_thirds(
-    error: Array, variance: Array, groups: Integers
-) -> dict[tuple[str, int], Coverage]:
-    """Coverage by (part, sigmas): 'overall' and in the `THIRDS` of the stated variance."""
-    kept = np.flatnonzero(np.isfinite(error) & np.isfinite(variance))
-    order = kept[np.argsort(variance[kept], kind='stable')]
-    thirds = zip(THIRDS, np.array_split(order, len(THIRDS)), strict=True)
-    return {
-        (part, sigmas): coverage(error[rows], variance[rows], groups[rows], sigmas)
-        for part, rows in (('overall', order), *thirds)
-        for sigmas in WITHIN
-    }
-
-
 def accuracy(said: Integers, true: Integers) -> float:
     """Share of touches (s,) whose class is named rightly (%).
 
@@ -146,19 +127,6 @@ def confusion(said: Integers, true: Integers, count: int) -> Array:
     np.add.at(table, (true, np.where(said < 0, count, said)), 1.0)
     touched = table.sum(axis=1, keepdims=True)
     return np.asarray(100 * table[:, :count] / np.where(touched > 0, touched, np.nan))
-
-
-def average_euclidean_error(said: Integers, true: Integers, centres: Array) -> float:
-    """Mean distance of the named cell's centre from the true one's, seen from above (mm) [2].
-
-    Examples
-    --------
-    >>> centres = np.array([[0.0, 0.0, 0.0], [3e-3, 4e-3, 9.0]])
-    >>> average_euclidean_error(np.array([0, 0]), np.array([0, 1]), centres)
-    2.5
-    """
-    apart = centres[said, :2] - centres[true, :2]
-    return 1e3 * float(np.hypot(apart[:, 0], apart[:, 1]).mean())
 
 
 @dataclass(frozen=True)

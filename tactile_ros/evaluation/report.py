@@ -12,16 +12,18 @@ import platform
 import sys
 import textwrap
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from importlib import metadata
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros import __version__
-from tactile_ros.errors import MissingPackageError
 from tactile_ros.evaluation import figures
+from tactile_ros.evaluation.bag import missing
 from tactile_ros.evaluation.compare import COLUMNS, NOTES, row_of
 from tactile_ros.evaluation.figures import MM, Drawing, Figure, quantity, rounded
 from tactile_ros.evaluation.metrics import (
@@ -198,8 +200,8 @@ class Result:
         try:
             import pandas
         except ImportError as error:
-            msg = 'a table of errors needs pandas: pip install pandas'
-            raise MissingPackageError(msg) from error
+            package = 'pandas'
+            raise missing(package, 'a table of errors') from error
         parts = [
             _error_columns(one.name, answer.name, target, axis)
             for one in self.datasets
@@ -225,20 +227,15 @@ def _error_columns(recording: str, estimator: str, target: TargetErrors, axis: i
 
 def environment() -> dict[str, str]:
     """Machine and versions that figures belong to."""
-    versions = {}
+    versions = dict.fromkeys(PACKAGES, 'not installed')
     for package in PACKAGES:
-        try:
+        with suppress(metadata.PackageNotFoundError):
             versions[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            versions[package] = 'not installed'
     return {
-        'tactile_ros': __version__,
-        'python': sys.version.split()[0],
-        'machine': platform.machine(),
-        'cores': str(os.cpu_count()),
-        'system': f'{platform.system()} {platform.release()}',
-        **versions,
-    }
+        'tactile_ros': __version__, 'python': sys.version.split()[0],
+        'machine': platform.machine(), 'cores': str(os.cpu_count()),
+        'system': f'{platform.system()} {platform.release()}', **versions,
+    }  # fmt: skip
 
 
 def provenance(recordings: Iterable[str], pipelines: Mapping[str, Pipeline]) -> dict[str, str]:
@@ -261,67 +258,56 @@ def inside_one_sigma(targets: Sequence[TargetErrors]) -> int:
     return round(sum(one.share * one.count for one in shares))
 
 
-def _covered(begin: str) -> Callable[[Dataset, Answer], Cell]:
+def _covered(answer: Answer, begin: str) -> Cell:
     """Share of errors of some targets within their stated sigma (%)."""
-
-    def cell(_: Dataset, answer: Answer) -> Cell:
-        targets = [target for target in answer.targets if target.name.startswith(begin)]
-        judged = sum(target.coverage.count for target in targets)
-        return 100 * inside_one_sigma(targets) / judged if judged else None
-
-    return cell
+    targets = [target for target in answer.targets if target.name.startswith(begin)]
+    judged = sum(target.coverage.count for target in targets)
+    return 100 * inside_one_sigma(targets) / judged if judged else None
 
 
-def _place(name: str) -> Callable[[Dataset, Answer], Cell]:
+def _place(answer: Answer, name: str) -> Cell:
     """Figure of the spread of place errors (mm)."""
-    return lambda _, a: MM * getattr(t.spread, name) if (t := a.target('position')) else None
+    target = answer.target('position')
+    return MM * float(getattr(target.spread, name)) if target else None
 
 
-def _rms(*names: str) -> Callable[[Dataset, Answer], Cell]:
+def _rms(answer: Answer, *names: str) -> Cell:
     """RMS error of some targets, components pooled."""
-
-    def cell(_: Dataset, answer: Answer) -> Cell:
-        parts = [t.spread for t in answer.targets if t.name in names and t.spread.count]
-        squares = sum(part.count * part.rms**2 for part in parts)
-        return math.sqrt(squares / sum(part.count for part in parts)) if parts else None
-
-    return cell
+    parts = [t.spread for t in answer.targets if t.name in names and t.spread.count]
+    squares = sum(part.count * part.rms**2 for part in parts)
+    return math.sqrt(squares / sum(part.count for part in parts)) if parts else None
 
 
-def _right(kind: str) -> Callable[[Dataset, Answer], Cell]:
+def _right(answer: Answer, kind: str) -> Cell:
     """Share of right answers (%)."""
-    return lambda _, a: next((c.right for c in a.classes if c.name == kind), None)
+    return next((c.right for c in answer.classes if c.name == kind), None)
 
 
-def _latency(name: str) -> Callable[[Dataset, Answer], Cell]:
+def _latency(one: Dataset, answer: Answer, name: str) -> Cell:
     """Figure of the spread of the latency (ms), beside the first answer of a recording."""
-
-    def cell(one: Dataset, answer: Answer) -> Cell:
-        first = answer is one.answers[0]
-        return MM * getattr(one.latency, name) if first and one.latency.count else None
-
-    return cell
+    first = answer is one.answers[0]
+    return MM * float(getattr(one.latency, name)) if first and one.latency.count else None
 
 
 CELLS: dict[str, Callable[[Dataset, Answer], Cell]] = {
     'recording': lambda d, _: d.name,
     'estimator': lambda _, a: a.name,
     'calibration': lambda _, a: a.calibration,
-    'place mean (mm)': _place('mean'),
-    'p50': _place('p50'),
-    'p95': _place('p95'),
-    'normal RMSE (N)': _rms('force_z'),
-    'shear RMSE (N)': _rms('force_x', 'force_y'),
-    'place in 1 sigma (%)': _covered('position'),
-    'force in 1 sigma (%)': _covered('force'),
+    'place mean (mm)': lambda _, a: _place(a, 'mean'),
+    'p50': lambda _, a: _place(a, 'p50'),
+    'p95': lambda _, a: _place(a, 'p95'),
+    'normal RMSE (N)': lambda _, a: _rms(a, 'force_z'),
+    'shear RMSE (N)': lambda _, a: _rms(a, 'force_x', 'force_y'),
+    'place in 1 sigma (%)': lambda _, a: _covered(a, 'position'),
+    'force in 1 sigma (%)': lambda _, a: _covered(a, 'force'),
     'named rightly (%)': lambda _, a: next((c.right for c in a.confusion_errors), None),
-    'contact right (%)': _right('in_contact'),
-    'cell right (%)': _right('cell'),
-    'label right (%)': _right('label'),
-    'slip right (%)': _right('slip'),
+    'contact right (%)': lambda _, a: _right(a, 'in_contact'),
+    'cell right (%)': lambda _, a: _right(a, 'cell'),
+    'label right (%)': lambda _, a: _right(a, 'label'),
+    'slip right (%)': lambda _, a: _right(a, 'slip'),
     'groups': lambda _, a: max((t.coverage.groups for t in a.targets), default=None),
-    'latency p50 (ms)': _latency('p50'),
-    'p99 (ms)': _latency('p99'),
+    'latency p50 (ms)': lambda d, a: _latency(d, a, 'p50'),
+    'p99 (ms)': lambda d, a: _latency(d, a, 'p99'),
     'dropped': lambda d, _: d.dropped,
     'frames': lambda d, _: d.frames,
     'us/frame': lambda _, a: a.us_single,
@@ -362,15 +348,13 @@ def figure_text(value: Cell) -> str:
 
 def _best(columns: list[str], rows: list[list[Cell]]) -> set[tuple[int, int]]:
     """Cells (row, column) that are the lowest of their recording, where estimators compete."""
+    low = [i for i, c in enumerate(columns) if any(word in c for word in LOW_IS_BETTER)]
     best = set()
-    for i, column in enumerate(columns):
-        if 'latency' in column or not any(word in column for word in LOW_IS_BETTER):
-            continue
-        for name in {row[0] for row in rows}:
-            group = [n for n, row in enumerate(rows) if row[0] == name]
-            values = {n: v for n in group if isinstance(v := rows[n][i], float)}
-            if len(values) > 1:
-                best.add((min(values, key=lambda n: values[n]), i))
+    for i, name in product((i for i in low if 'latency' not in columns[i]), {r[0] for r in rows}):
+        group = (n for n, row in enumerate(rows) if row[0] == name)
+        values = {n: v for n in group if isinstance(v := rows[n][i], float)}
+        if len(values) > 1:
+            best.add((min(values, key=lambda n: values[n]), i))
     return best
 
 

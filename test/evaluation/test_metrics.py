@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from benchmarks.magnet_pad import average_euclidean_error, coverage_by_thirds
 from tactile_ros.evaluation.metrics import (
     ONE_SIGMA,
     confusion,
     coverage,
-    coverage_by_thirds,
     frames_dropped,
     given_targets,
     place_groups,
@@ -30,6 +30,8 @@ def test_rows_of_a_confusion_are_true_cells() -> None:
     true, said = np.array([0, 0, 0, 1, 1]), np.array([0, 0, 2, 1, -1])
     wanted = [[200 / 3, 0, 100 / 3], [0, 50, 0], [np.nan] * 3]
     np.testing.assert_allclose(confusion(said, true, 3), wanted)
+    centres = 1e-3 * np.array([[0.0, 0, 5], [8.0, 0, 5], [3.0, 4, 1]])
+    assert average_euclidean_error(said[:4], true[:4], centres) == pytest.approx(5.0 / 4)
 
 
 def test_coverage_accepts_true_covariances_alone() -> None:
