@@ -58,5 +58,3 @@ def test_distances_of_large_fields_do_not_cancel() -> None:
     cells = (samples[:, 0] > 40e-3).astype(int)
     said = CellKnn(1).fit(samples, cells).predict(samples + 1e-9)
     np.testing.assert_array_equal(said, cells)
-
-

@@ -69,5 +69,3 @@ def test_a_driver_that_never_recovers_has_no_recovery(
         road.device, 'read', lambda timeout: dataclasses.replace(read(timeout), status=dead)
     )
     assert suffer(road, 'lost', 1, 0.25).recovery_s == np.inf
-
-

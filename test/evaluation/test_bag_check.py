@@ -108,21 +108,6 @@ def test_check_names_dead_taxels_unless_all_readings_are_coarse(made: SimpleName
     assert frames_of(made, rows, still).sensors['/finger'].dead == {}
 
 
-def test_check_says_what_a_replay_leaves_out(
-    made: SimpleNamespace, write_bag: WriteBag, tmp_path: Path
-) -> None:
-    with made.open_bag(made.path) as bag:
-        bag.put('/frame', made.make.frame(0, np.zeros(15), START_NS), START_NS)
-        bag.put('/other', made.make.new('String', data='x'), START_NS)
-    check = check_bag(made.path)
-    assert 'layout is not in the bag' in check.left_out[0]
-    assert check.unused == ('/other',)
-    assert check.sensors == {}
-    lossy = check_bag(write_bag(tmp_path / 'bag', lost=(7, 8)))
-    assert lossy.sensors[''].lost.tolist() == [2]
-    assert '2 messages of /truth/contacts belong to no frame' in lossy.sensors[''].problems
-
-
 def test_check_of_a_type_of_another_version_names_it(made: SimpleNamespace) -> None:
     with BagWriter(made.path) as bag:
         kind = 'tactile_ros/msg/TactileFrame'

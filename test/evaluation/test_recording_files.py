@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import io
+import os
 import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -10,10 +11,9 @@ import numpy as np
 import pytest
 
 from tactile_ros.errors import MissingPackageError, RecordingError
-from tactile_ros.evaluation import bag
 from tactile_ros.evaluation.bag import all_types
 from tactile_ros.evaluation.recording_files import load, load_recording, save_recording
-from tactile_ros.evaluation.truth import nearest
+from tactile_ros.evaluation.truth import nearest, nearest_of_key
 from tactile_ros.types import Layout, Recording
 
 if TYPE_CHECKING:
@@ -117,6 +117,13 @@ def test_csv_gives_the_same_recording(recording: Recording, tmp_path: Path) -> N
         lines.append(','.join('' if np.isnan(x) else str(x * 1) for x in row))
     (tmp_path / 'a.csv').write_text('\n'.join(lines))
     assert_same(load(tmp_path / 'a.csv', LAYOUT).recordings[0].recording, recording)
+    single = Layout(np.zeros((1, 3)), ('u',), '1')
+    (tmp_path / 's.csv').write_text('time_s,u_0\n1743468220.123456789,0.5\n1743468221,0.25\n')
+    stamps = load(tmp_path / 's.csv', single).recordings[0].recording.stamp_ns
+    assert stamps.tolist() == [1743468220123456789, 1743468221000000000]
+    os.mkfifo(tmp_path / 'pipe.csv')
+    with pytest.raises(RecordingError, match='it is no file'):
+        load(tmp_path / 'pipe.csv', single)
 
 
 Put = Callable[..., None]
@@ -183,19 +190,6 @@ def test_a_bag_becomes_frames_contacts_baselines_and_truth(
     assert set(recording.truth) == {'position', 'force', 'in_contact'}
 
 
-def test_two_sensors_of_one_bag_stay_apart(
-    put: Put, make: SimpleNamespace, tmp_path: Path
-) -> None:
-    for space, n in (('/thumb', 3), ('/index', 5)):
-        put(f'{space}/layout', make.layout())
-        for k in range(n):
-            put(f'{space}/frame', make.frame(k, np.full(15, k), 1_000_000 * (k + 1)), k)
-            put(f'{space}/truth/contacts', make.contacts(k, 0, force=(n, 0, 0)), k)
-    loaded = {r.name: r.recording for r in load(tmp_path / 'bag').recordings}
-    assert {name: len(r) for name, r in loaded.items()} == {'thumb': 3, 'index': 5}
-    assert loaded['thumb'].truth['force'][:, 0].tolist() == [3, 3, 3]
-
-
 def test_foreign_topics_damaged_messages_and_lost_layouts_are_named(
     put: Put, make: SimpleNamespace, tmp_path: Path
 ) -> None:
@@ -214,16 +208,6 @@ def test_foreign_topics_damaged_messages_and_lost_layouts_are_named(
     assert 'topics that are not ours were left out: /camera' in said
     assert '1 messages of /frame are damaged' in said
     assert '1 frames were left out' in said
-
-
-def test_messages_of_another_version_are_named_not_guessed(
-    write_bag: WriteBag, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    ours = bag.schema_text
-    monkeypatch.setattr(bag, 'schema_text', lambda name: ours(name).replace('yaw_std', 'yaw_dev'))
-    loaded = load(write_bag(tmp_path / 'bag', n=3))
-    assert loaded.recordings[0].contacts is None
-    assert 'tactile_ros/msg/TactileContacts of the bag is of another version' in loaded.problems[0]
 
 
 def test_garbage_in_place_of_messages_never_raises_anything_else(
@@ -263,14 +247,15 @@ def test_truth_of_other_instruments_is_taken_at_the_nearest_time(
 
 def test_nearest_against_the_plain_search() -> None:
     rng = np.random.default_rng(2)
-    times, asked = rng.integers(0, 1000, 60), rng.integers(-50, 1050, 200)
-    found = nearest(times, asked, 12)
-    for value, index in zip(asked, found, strict=True):
-        distance = np.abs(times - value)
-        if distance.min() > 12:
-            assert index == -1
-        else:
-            assert distance[index] == distance.min()
+    keys, times = rng.integers(0, 9, 80), rng.integers(0, 1000, 80)
+    asked_keys, asked = rng.integers(0, 12, 300), rng.integers(-50, 1050, 300)
+    near, rows = nearest(times, asked, 12), nearest_of_key(keys, times, asked_keys, asked)
+    for key, time, index, row in zip(asked_keys, asked, near, rows, strict=True):
+        far = np.abs(times - time)
+        assert index == -1 if far.min() > 12 else far[index] == far.min()
+        same = far[keys == key]
+        assert row == -1 if not len(same) else (keys[row], far[row]) == (key, same.min())
+    assert nearest(times[:0], asked, 12).max() == -1
 
 
 def test_a_bag_without_rosbags_is_one_sentence(

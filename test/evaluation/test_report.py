@@ -155,9 +155,7 @@ def remembering(force: np.ndarray, error: np.ndarray, time: np.ndarray) -> Datas
     )
     known = {'force': z + [[0, 0, 1]] * error[:, None], 'cell': said, 'valid': time >= 0}
     states = ContactStates.assemble(count, 5, known)
-    answer = Answer(
-        'ridge', target_errors(recording, states), classes=class_errors(truth, states)
-    )
+    answer = Answer('ridge', target_errors(recording, states), classes=class_errors(truth, states))
     return Dataset('made', '', (answer,), count, 0, LAYOUT.positions)
 
 
@@ -262,5 +260,3 @@ def test_report_fits_a_browser_without_complaints(
     assert seen.plots >= 9
     assert width < 1200 or seen.cut == 0
     assert seen.complaints == ''
-
-
