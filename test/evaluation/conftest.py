@@ -10,14 +10,22 @@ import numpy as np
 import pytest
 
 from tactile_ros.evaluation.bag import BagWriter, all_types
+from tactile_ros.messages import fill_contacts
+from tactile_ros.nodes.contact_loop import ContactLoop
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Container, Sequence
     from pathlib import Path
+
+    from tactile_ros.pipeline import Pipeline
+    from tactile_ros.types import Frame
+
+    Truth = Callable[[int, Frame, Callable[..., None]], None]
 
 TAXELS = 5
 STEP_NS = 10_000_000
 START_NS = 1_000_000_000
+LIVE_STEP_NS = 20_000_000
 UNKNOWN = (np.nan, np.nan, np.nan)
 
 
@@ -109,6 +117,47 @@ class MadeBag(BagWriter):
 
     def put(self, topic: str, message: object, log_ns: int = 0, latched: bool = False) -> None:
         self.write(topic, message.__msgtype__, log_ns, self.make.cdr(message), latched)
+
+
+def record(
+    made: MadeBag, pipeline: Pipeline, frames: Sequence[Frame], tares: Container[int] = (),
+    unseen: Container[int] = (), lost: Container[int] = (), truth: Truth | None = None,
+) -> None:  # fmt: skip
+    """Write the bag of a live run of frames, some unseen by the node or lost, with tares after."""
+    make, at = made.make, iter(range(10**9, 10**12, LIVE_STEP_NS))
+    now = [0]
+    with made as bag:
+
+        def put(leaf: str, message: object, late_ns: int = 0) -> None:
+            bag.put(f'/{leaf}', message, now[0] + late_ns)
+
+        def put_frame(leaf: str, frame: Frame) -> None:
+            put(leaf, make.frame(frame.sequence, frame.values, frame.stamp_ns))
+
+        stage = ContactLoop(pipeline, 5, False, lambda frame: put_frame('baseline', frame))
+        stage.reset()
+        put('layout', make.layout())
+        put('calibration', make.new('String', data=f'{{"sha256": "{pipeline.digest}"}}'))
+        for i, frame in enumerate(frames):
+            now[0] = next(at)
+            if truth is not None:
+                truth(i, frame, put)
+            if i in lost:
+                continue
+            put_frame('frame', frame)
+            if i in unseen:
+                continue
+            message = make.contacts(frame.sequence, frame.stamp_ns)
+            fill_contacts(message, stage.process([frame])[0], make.patch)
+            put('contacts', message, 5_000_000)
+            if i in tares:
+                stage.tare()
+
+
+@pytest.fixture(scope='session')
+def record_live() -> Callable[..., None]:
+    """Function `record`."""
+    return record
 
 
 @pytest.fixture(scope='session')

@@ -30,7 +30,6 @@ from tactile_ros.evaluation.fleet import (
 from tactile_ros.evaluation.metrics import ROWS, frames_dropped
 from tactile_ros.evaluation.recording_files import ClassesChangedError, load, save_recording
 from tactile_ros.evaluation.report import environment, for_drawing
-from tactile_ros.messages import fill_contacts
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame
 
@@ -92,8 +91,8 @@ def test_a_failed_recording_is_an_outcome_and_the_rest_is_merged(folder: Path) -
         assert sum(part[name] for part in parts) == pytest.approx(pool[name], rel=1e-12)
     assert list(document['failed']) == [str(folder / name) for name in ('broken', 'missing')]
     with np.load(arrays, allow_pickle=False) as stored:
-        assert stored['0/0/position'].sum() == parts[0]['count'] > 0
-        assert len(stored['bin_edges']) == len(stored['0/0/position']) - 1
+        assert stored['2/0/position'].sum() == parts[2]['count'] > 0
+        assert len(stored['bin_edges']) == len(stored['2/0/position']) - 1
 
 
 def numbers(outcomes: list[Outcome]) -> list[object]:
@@ -156,62 +155,33 @@ def pipeline() -> Pipeline:
     return spec.pipeline(estimator='ridge').fit(spec.recordings()['spatial'].select(slice(0, 900)))
 
 
-class LiveRun:
-    """A live run with all that happens: tares, lost and unseen frames, a restart, three truths."""
-
-    def __init__(self, bag: object, make: SimpleNamespace, pipeline: Pipeline) -> None:
-        self.make, self.pipeline = make, copy(pipeline)  # its tares are its own
-        self.spatial = load_sensor('reskin_board').recordings()['spatial']
-        self.rng = np.random.default_rng(5)
-        with bag as opened:
-            self.put = opened.put
-            self.put('/layout', make.layout(), 1)
-            self.put('/calibration', make.new('String', data=pipeline.digest), 1)
-            self.pipeline.reset()
-            for k in range(FRAMES):
-                self.step(k)
-
-    def step(self, k: int) -> None:
-        restarted = k >= 200
-        number = k - 200 if restarted else k
-        touch = k // 11 * 2 + (k % 11 >= 8)
-        values = self.spatial.values[touch] + self.rng.normal(0, 1e-7, (5, 3))
-        log_ns = 10**9 + k * STEP_NS
-        frame = Frame(log_ns + (3600 * 10**9 if not restarted else 0), number, values)
-        if restarted and number == 0:
-            self.pipeline.reset()
-        if k % 33 == 5:
-            rest = self.make.frame(number, values, frame.stamp_ns)
-            self.put('/baseline', rest, log_ns)
-            self.pipeline.tare([frame])
-        if k % 50 != 49:
-            self.put('/frame', self.make.frame(number, values, frame.stamp_ns), log_ns + 1)
-        if k % 40 != 39 and k % 50 != 49:
-            state = self.pipeline.process(frame)
-            message = self.make.contacts(number, frame.stamp_ns)
-            fill_contacts(message, state, self.make.patch)
-            self.put('/contacts', message, log_ns + 5_000_000)
-        self.truth(k, touch, frame, log_ns)
-
-    def truth(self, k: int, touch: int, frame: Frame, log_ns: int) -> None:
-        place = self.spatial.truth['position'][touch]
-        message = self.make.contacts(frame.sequence, frame.stamp_ns, place)
-        message.in_contact = int(k % 11 >= 8)
-        self.put('/truth/contacts', message, log_ns + 7_000_000)
-        for late in (0, 7_000_000, 14_000_000):
-            wrench = self.make.wrench(frame.stamp_ns + late, (0, 0, touch % 2))
-            self.put('/wrench', wrench, log_ns + late)
-        if k % 60 == 3:
-            self.put('/label', self.make.new('String', data=('mug', 'nut')[k % 2]), log_ns)
-
-
 @pytest.fixture(scope='module')
 def bag(
     tmp_path_factory: pytest.TempPathFactory, make: SimpleNamespace, open_bag: Callable,
-    pipeline: Pipeline,
+    record_live: Callable[..., None], pipeline: Pipeline,
 ) -> Path:  # fmt: skip
+    """A live run with all that happens: tares, lost and unseen frames, a restart, three truths."""
+    spatial, rng = load_sensor('reskin_board').recordings()['spatial'], np.random.default_rng(5)
+    touch = [k // 11 * 2 + (k % 11 >= 8) for k in range(FRAMES)]
+    frames = [
+        Frame(10**9 + k * STEP_NS + (3600 * 10**9 if k < 200 else 0), k % 200,
+              spatial.values[touch[k]] + rng.normal(0, 1e-7, (5, 3)))
+        for k in range(FRAMES)
+    ]  # fmt: skip
+
+    def truth(k: int, frame: Frame, put: Callable[..., None]) -> None:
+        place = spatial.truth['position'][touch[k]]
+        message = make.contacts(frame.sequence, frame.stamp_ns, place)
+        message.in_contact = int(k % 11 >= 8)
+        put('truth/contacts', message, 7_000_000)
+        for late in (0, 7_000_000, 14_000_000):
+            put('wrench', make.wrench(frame.stamp_ns + late, (0, 0, touch[k] % 2)), late)
+        if k % 60 == 3:
+            put('label', make.new('String', data=('mug', 'nut')[k % 2]))
+
     path = tmp_path_factory.mktemp('bags') / 'live'
-    LiveRun(open_bag(path), make, pipeline)
+    tares, unseen, lost = range(5, FRAMES, 33), range(39, FRAMES, 40), range(49, FRAMES, 50)
+    record_live(open_bag(path), copy(pipeline), frames, tares, unseen, lost, truth)
     return path
 
 

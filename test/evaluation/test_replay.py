@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import queue
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import replace
 from itertools import count
@@ -34,7 +34,6 @@ from tactile_ros.evaluation.replay import (
     with_known_rests,
     with_tare_rows,
 )
-from tactile_ros.messages import fill_contacts
 from tactile_ros.nodes.contact_loop import ContactLoop
 from tactile_ros.nodes.enrolment_server import Enrolment, EnrolRequest
 from tactile_ros.sensors import load_sensor
@@ -50,8 +49,6 @@ from tactile_ros.types import (
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from conftest import MadeBag
 
     from tactile_ros.enrolment import ClassChange
     from tactile_ros.pipeline import Pipeline
@@ -71,44 +68,19 @@ def fitted(spatial: Recording) -> Pipeline:
     return load_sensor('reskin_board').pipeline(estimator='ridge').fit(spatial)
 
 
-def record(
-    made: MadeBag, pipeline: Pipeline, frames: list[Frame],
-    tares: Container[int] = (), unseen: Container[int] = (),
-) -> LoadedRecording:  # fmt: skip
-    """Loaded bag of a live run: every frame through the stage, tares after some."""
-    make, log = made.make, count(1)
-    with made as bag:
-
-        def put(leaf: str, message: object) -> None:
-            bag.put(f'/{leaf}', message, next(log))
-
-        def on_baseline(frame: Frame) -> None:
-            put('baseline', make.frame(frame.sequence, frame.values, frame.stamp_ns))
-
-        stage = ContactLoop(pipeline, 5, tare_in_contact=False, on_baseline=on_baseline)
-        stage.reset()
-        put('layout', make.layout())
-        put('calibration', make.new('String', data=f'{{"sha256": "{pipeline.digest}"}}'))
-        for i, frame in enumerate(frames):
-            put('frame', make.frame(frame.sequence, frame.values, frame.stamp_ns))
-            if i in unseen:
-                continue
-            state = stage.process([frame])[0]
-            message = make.contacts(frame.sequence, frame.stamp_ns)
-            fill_contacts(message, state, make.patch)
-            put('contacts', message)
-            if i in tares:
-                stage.tare()
-    (loaded,) = load(made.path).recordings
-    return loaded
-
-
 @pytest.fixture
 def live(
-    open_bag: Callable[[Path], MadeBag], fitted: Pipeline, tmp_path: Path
-) -> Callable[..., LoadedRecording]:
-    """Live runs of the fitted pipeline."""
-    return lambda *run: record(open_bag(tmp_path / 'bag'), fitted, *run)
+    open_bag: Callable[[Path], object], record_live: Callable[..., None], fitted: Pipeline,
+    tmp_path: Path,
+) -> Callable[..., LoadedRecording]:  # fmt: skip
+    """Loaded bags of live runs of the fitted pipeline."""
+
+    def run(*what: object) -> LoadedRecording:
+        record_live(open_bag(tmp_path / 'bag'), fitted, *what)
+        (loaded,) = load(tmp_path / 'bag').recordings
+        return loaded
+
+    return run
 
 
 def live_frames(spatial: Recording, touches: int) -> list[Frame]:
