@@ -22,14 +22,7 @@ from benchmarks.harness.plots import drawings
 from benchmarks.harness.rows import BenchResult, Row, within
 from benchmarks.worlds import magnet_pad_sessions as pads
 from benchmarks.worlds.cell_knn import CellKnn
-from tactile_ros.evaluation.metrics import (
-    AXES,
-    WITHIN,
-    Coverage,
-    accuracy,
-    confusion,
-    coverage,
-)
+from tactile_ros.evaluation.metrics import AXES, WITHIN, Coverage, accuracy, confusion, coverage
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,17 +31,8 @@ if TYPE_CHECKING:
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Array, ContactStates, Integers
 
-SPEC, GRIDS, STRAY, REST = (
-    pads.SPEC,
-    pads.GRIDS,
-    pads.STRAY,
-    pads.REST,
-)
-LEARN, JUDGE, WORLD_SEED = (
-    pads.LEARN,
-    pads.JUDGE,
-    pads.WORLD_SEED,
-)
+SPEC, GRIDS, STRAY, REST = pads.SPEC, pads.GRIDS, pads.STRAY, pads.REST
+LEARN, JUDGE, WORLD_SEED = pads.LEARN, pads.JUDGE, pads.WORLD_SEED
 PRESSES = {'quick': 200, 'normal': 600, 'full': 1200}
 SWEEP = {'quick': 400, 'normal': 1200, 'full': 4000}  # presses that neighbours alone share
 PAPER = {6: 99.0, 15: 99.0, 25: 92.0}
@@ -78,10 +62,7 @@ def coverage_by_thirds(
 
 
 def average_euclidean_error(said: Integers, true: Integers, centres: Array) -> float:
-    """Mean distance of the named cell's centre from the true one's, seen from above (mm) [2].
-
-    The text of [2] divides by the number of classes; here it is a mean.
-    """
+    """Mean distance of named cells from the true ones (mm); [2] divides by their number."""
     apart = centres[said, :2] - centres[true, :2]
     return 1e3 * float(np.hypot(apart[:, 0], apart[:, 1]).mean())
 

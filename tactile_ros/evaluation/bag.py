@@ -163,10 +163,10 @@ class _ChunkBuffer(io.BytesIO):
 
     stored = 0
 
-    def position(self) -> int:
+    def place(self) -> int:
         return self.stored + super().tell()
 
-    tell = position
+    tell = place
 
 
 @dataclass

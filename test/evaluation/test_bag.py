@@ -10,9 +10,10 @@ import struct
 import subprocess
 import sys
 import textwrap
+from collections import namedtuple
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -42,11 +43,7 @@ if TYPE_CHECKING:
 STRING = 'std_msgs/msg/String'
 
 
-class Message(NamedTuple):
-    topic: str
-    type_name: str
-    log_ns: int
-    data: bytes
+Message = namedtuple('Message', 'topic type_name log_ns data')
 
 
 def read_all(path: Path) -> SimpleNamespace:
@@ -89,8 +86,7 @@ def test_closed_bag_is_read_by_rosbags_by_mcap_and_by_its_metadata(
     assert ours.problems == []
     info = yaml.safe_load((path / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
     topics = {t['topic_metadata']['name']: t for t in info['topics_with_message_count']}
-    assert info['message_count'] == 153
-    assert info['duration']['nanoseconds'] == 493_000_000
+    assert (info['message_count'], info['duration']['nanoseconds']) == (153, 493_000_000)
     assert topics['/frame']['message_count'] == 50
     qos = yaml.safe_load(topics['/layout']['topic_metadata']['offered_qos_profiles'])[0]
     assert (qos['durability'], qos['depth'], qos['reliability']) == (1, 1, 1)
@@ -127,30 +123,19 @@ def test_a_killed_process_leaves_a_bag_that_others_read(tmp_path: Path) -> None:
         assert sum(1 for _ in reader.messages()) == content.counts['/text']
 
 
-def test_an_interrupted_write_is_written_over(
-    tmp_path: Path, make: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupted_write_is_written_over(tmp_path: Path, make: SimpleNamespace) -> None:
     text = make.cdr(make.new('String', data='x' * 1000))
     bag = BagWriter(tmp_path / 'bag')
     bag.write('/text', STRING, 1, text)
     bag.flush()
 
-    class Torn:
-        """A file whose next write ends halfway in an interrupt."""
+    whole = bag._file
 
-        closed = False
+    def torn(data: memoryview) -> int:
+        whole.write(data[: len(data) // 2])
+        raise KeyboardInterrupt
 
-        def __init__(self, file: object) -> None:
-            self.file = file
-
-        def seek(self, place: int) -> int:
-            return self.file.seek(place)
-
-        def write(self, data: memoryview) -> int:
-            self.file.write(data[: len(data) // 2])
-            raise KeyboardInterrupt
-
-    whole, bag._file = bag._file, Torn(bag._file)
+    bag._file = SimpleNamespace(closed=False, seek=whole.seek, write=torn)
     bag.write('/text', STRING, 2, text)
     with pytest.raises(KeyboardInterrupt):
         bag.flush()
