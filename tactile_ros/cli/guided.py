@@ -49,7 +49,7 @@ from tactile_ros.evaluation.report import (
     provenance,
     write_report,
 )
-from tactile_ros.files import write_beside
+from tactile_ros.files import write_atomically
 from tactile_ros.types import Closing
 from tactile_ros.view.page_server import PageServer
 
@@ -229,7 +229,7 @@ class Folder(NamedTuple):
             for old in self.path.glob('press_*.npz'):  # --overwrite, of a session of ours
                 old.unlink()
         self.path.mkdir(parents=True, exist_ok=True)
-        write_beside(file, json.dumps(stated, indent=1).encode())
+        write_atomically(file, json.dumps(stated, indent=1).encode())
         return []
 
     def write(self, count: int, press: Recording) -> None:
