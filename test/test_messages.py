@@ -123,6 +123,8 @@ def _through(made: SimpleNamespace, states: ContactStates) -> dict[str, np.ndarr
 @pytest.mark.parametrize('status', [None, np.array([0, 1, 0, 32, 0], np.uint8)])
 def test_frame_round_trip_is_exact(made: SimpleNamespace, status: np.ndarray | None) -> None:
     values = np.random.default_rng(1).normal(size=(5, 3))
+    if status is not None:
+        values[2, 1] = np.nan
     frame = Frame(1_700_000_000_123_456_789, 41, values, np.arange(5.0), status, 12345, 3)
     message = made.frame()
     messages.fill_frame(message, frame, 'thumb')
@@ -142,17 +144,6 @@ def test_baseline_round_trip_keeps_the_number_of_frames(made: SimpleNamespace) -
     messages.fill_baseline(message, Frame(5, 41, np.ones((5, 3)), averaged=30), 'thumb')
     got = messages.read_baseline(made.wire(message), (5, 3))
     assert (got.sequence, got.averaged, got.device_time_ns) == (41, 30, 0)
-
-
-def test_frame_with_nan_is_not_valid(made: SimpleNamespace) -> None:
-    values = np.zeros((5, 3))
-    values[2, 1] = np.nan
-    message = made.frame()
-    messages.fill_frame(message, Frame(None, 0, values), 'thumb')
-    got = messages.read_frame(made.wire(message), (5, 3))
-    assert message.valid is False
-    assert np.isnan(got.values[2, 1])
-    assert got.temperature_c is None
 
 
 @pytest.mark.parametrize(
@@ -182,11 +173,7 @@ def test_layout_round_trip(made: SimpleNamespace) -> None:
     np.testing.assert_array_equal(got.saturation, LAYOUT.saturation)
     for name in ('channels', 'unit', 'rate_hz', 'frame_id', 'sensor', 'serial'):
         assert getattr(got, name) == getattr(LAYOUT, name)
-
-
-def test_aligned_layout_has_no_rotations(made: SimpleNamespace) -> None:
-    message = made.layout()
-    aligned = Layout(np.zeros((2, 3)), ('p',), '1')
+    message, aligned = made.layout(), Layout(np.zeros((2, 3)), ('p',), '1')
     messages.fill_layout(message, aligned, made.point, made.quaternion)
     assert messages.read_layout(made.wire(message)).rotations is None
 
@@ -294,21 +281,3 @@ def test_the_surface_is_read_back_point_by_point() -> None:
     got = np.frombuffer(message.data, names)
     for i, name in enumerate('xyz'):
         np.testing.assert_array_equal(got[name], POINTS[:, i].astype(np.float32))
-
-
-def test_both_pass_the_middleware() -> None:
-    sensor = pytest.importorskip('sensor_msgs.msg')
-    geometry = pytest.importorskip('geometry_msgs.msg')
-    wire = pytest.importorskip('rclpy.serialization')
-    cloud = sensor.PointCloud2()
-    messages.fill_surface(cloud, POINTS, sensor.PointField)
-    got = wire.deserialize_message(wire.serialize_message(cloud), sensor.PointCloud2)
-    assert bytes(got.data) == np.ascontiguousarray(POINTS, '<f4').tobytes()
-    pose = geometry.PoseWithCovarianceStamped()
-    told = state(object_pose=np.eye(4), object_pose_cov=np.full((6, 6), 0.5))
-    assert messages.fill_object_pose(pose, told)
-    got = wire.deserialize_message(
-        wire.serialize_message(pose), geometry.PoseWithCovarianceStamped
-    )
-    assert got.pose.pose.orientation.w == 1.0
-    assert (np.asarray(got.pose.covariance) == 0.5).all()

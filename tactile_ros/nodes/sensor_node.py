@@ -106,8 +106,7 @@ class SensorDiagnostics:
             'failures': self.failures,
             **dict.fromkeys(EXPECTED, 'not in this protocol'),
             **counters,
-            **taxels_by_status(self.last),
-            **temperatures(self.last),
+            **taxels_of(self.last),
         }
         return level, message, values
 
@@ -123,11 +122,16 @@ class SensorDiagnostics:
         return f'frames come irregularly: jitter {1e3 * jitter_s:.2g} ms' if irregular else ''
 
 
-def taxels_by_status(frame: Frame | None) -> dict[str, list[int]]:
-    """Taxels of a frame by the status bits that they carry."""
-    status = None if frame is None else frame.status
+def taxels_of(frame: Frame | None) -> dict[str, object]:
+    """Taxels of a frame by their status bits, and its coldest and hottest chip (C)."""
+    status, chips = (None, None) if frame is None else (frame.status, frame.temperature_c)
     bits = np.zeros(0, np.uint8) if status is None else status
-    return {name: np.flatnonzero(bits & bit).tolist() for name, bit in TAXELS.items()}
+    measured = chips is not None and bool(np.isfinite(chips).any())
+    return {
+        **{name: np.flatnonzero(bits & bit).tolist() for name, bit in TAXELS.items()},
+        'lowest temperature (C)': float(np.nanmin(chips)) if measured else NOT_MEASURED,
+        'highest temperature (C)': float(np.nanmax(chips)) if measured else NOT_MEASURED,
+    }
 
 
 def _flags(frames: Sequence[Frame]) -> list[str]:
@@ -146,16 +150,6 @@ def pace(stamps_ns: Sequence[int]) -> tuple[float, float]:
     gaps = gaps[gaps > 0]
     rate_hz = 1.0 / float(gaps.mean()) if len(gaps) else nan
     return rate_hz, float(gaps.std()) if len(gaps) > 1 else nan
-
-
-def temperatures(frame: Frame | None) -> dict[str, object]:
-    """Coldest and hottest chip of a frame (degrees Celsius)."""
-    chips = None if frame is None else frame.temperature_c
-    measured = chips is not None and bool(np.isfinite(chips).any())
-    return {
-        'lowest temperature (C)': float(np.nanmin(chips)) if measured else NOT_MEASURED,
-        'highest temperature (C)': float(np.nanmax(chips)) if measured else NOT_MEASURED,
-    }
 
 
 class Reader:

@@ -16,6 +16,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from tactile_ros.nodes import lifecycle
 from tactile_ros.nodes.mock_hand_node import ClosedLoopTwins, MockHandNode, PressTable
 from tactile_ros.sensors import load_sensor
+from tactile_ros.types import Frame
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -90,9 +91,7 @@ def test_a_point_is_reached_at_its_time_and_a_stranger_is_refused(ros: Ros) -> N
     assert 3 <= len(moving) <= 5
 
 
-@pytest.mark.parametrize(
-    ('fault', 'count', 'finite'), [('none', 16, True), ('partial', 15, True), ('nan', 16, False)]
-)
+@pytest.mark.parametrize(('fault', 'count', 'finite'), [('partial', 15, True), ('nan', 16, False)])
 def test_faults_are_those_that_were_asked_for(
     ros: Ros, fault: str, count: int, finite: bool
 ) -> None:
@@ -124,15 +123,10 @@ def test_a_calibrated_sensor_reads_the_force_that_presses() -> None:
     np.testing.assert_allclose(table.at(-1.0), rest)
     np.testing.assert_allclose(table.at(1e9), table.at(table.force[-1]))
     forces = np.linspace(0.3, 0.9, 4) * table.force[-1]
-    read = [pipeline.process(_frame(k, table.at(f))).force[2] for k, f in enumerate(forces)]
+    frames = [Frame(k * 10_000_000, k, table.at(f)) for k, f in enumerate(forces)]
+    read = [pipeline.process(frame).force[2] for frame in frames]
     assert (np.diff(read) > 0).all()
     np.testing.assert_allclose(read, forces, rtol=0.25)
-
-
-def _frame(sequence: int, values: np.ndarray) -> object:
-    from tactile_ros.types import Frame
-
-    return Frame(sequence * 10_000_000, sequence, values)
 
 
 def test_a_port_appears_at_its_path_and_a_press_is_on_it(tmp_path: Path) -> None:

@@ -159,12 +159,6 @@ def test_truth_of_tare_rows_is_untouched(short: Recording) -> None:
     np.testing.assert_allclose(got, short.values[0], atol=1e-10)
 
 
-def test_runs_of_resting_rows() -> None:
-    tare = np.array([True, True, False, True, False, False])
-    assert player.runs(tare) == [(0, 2, True), (2, 3, False), (3, 4, True), (4, 6, False)]
-    assert player.runs(np.zeros(0, bool)) == []
-
-
 def frame(sequence: int, value: float) -> Frame:
     return Frame(sequence, sequence, np.full((1, 1), value))
 
@@ -204,14 +198,3 @@ def test_through_needs_both_the_frame_and_the_acknowledgement() -> None:
     assert matcher.through == 1
     matcher.acknowledge(6)
     assert matcher.wait(2, 1.0)
-
-
-def test_waiting_ends_by_time_by_stop_and_by_giving_up() -> None:
-    matcher = sent(1)
-    assert not matcher.wait(1, 0.01)
-    matcher.give_up()
-    assert matcher.lost == 1
-    assert matcher.wait(1, 0.0)
-    threading.Timer(0.02, matcher.stop).start()
-    with pytest.raises(Stopped):
-        matcher.wait(2, 5.0)

@@ -17,9 +17,7 @@ import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState, GetState
-from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.parameter import Parameter
+from lifecycle_msgs.srv import ChangeState
 
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.messages import read_frame, read_layout
@@ -31,12 +29,7 @@ from tactile_ros.nodes.lifecycle import FAILURE, SUCCESS
 from tactile_ros.nodes.mock_hand_node import MockHandNode
 from tactile_ros.nodes.player_node import PlayerNode
 from tactile_ros.nodes.record_node import RecordNode
-from tactile_ros.nodes.sensor_node import (
-    Reader,
-    SensorDiagnostics,
-    SensorNode,
-    parse_fault,
-)
+from tactile_ros.nodes.sensor_node import Reader, SensorDiagnostics, SensorNode, parse_fault
 from tactile_ros.nodes.standard_messages import TruthMessages, header_of
 from tactile_ros.sensors import list_sensors, load_sensor
 from tactile_ros.types import Device, Frame, TaxelStatus
@@ -153,16 +146,6 @@ def test_sensor_node_marks_saturation_until_it_is_withdrawn(ros: Ros) -> None:
         assert repr(text) in result.reason
     assert parse_fault('nack', ('nack',)) == ('nack', 1)
     assert parse_fault(' nack:12 ', ('nack',)) == ('nack', 12)
-
-
-def test_truth_is_the_signal_at_the_stamp_of_the_frame(ros: Ros) -> None:
-    made = twin_of(ros, 'taxel_array', 'seed:=5', 'rate_hz:=200.0')
-    assert ros.until(lambda: sum(m.in_contact == 1 for m in made.truths) > 60 and made.layouts)
-    truths = {m.sequence: m.wrench.force.z for m in made.truths}
-    rows = [(f.values.sum(), truths.get(f.sequence)) for f in made.frames_read()]
-    values, force = np.array([row for row in rows if row[1] is not None]).T
-    assert np.corrcoef(values, force)[0, 1] > 0.9
-    assert {m.session for m in made.truths} == {5}
 
 
 def test_rows_of_truth_repeat_with_the_signal() -> None:
@@ -370,15 +353,6 @@ def judged(
     return reading.judge(counters or {}, is_open=True)
 
 
-def test_diagnostics_of_regular_frames_are_ok() -> None:
-    level, message, values = judged(100, counters={'dropped': 0})
-    assert (level, message) == (OK, '100 frames in the last second')
-    assert values['rate (Hz)'] == pytest.approx(100.0)
-    assert values['jitter (ms)'] == pytest.approx(0.0, abs=1e-6)
-    assert values['connection'] == 'streaming'
-    assert (values['crc_errors'], values['dropped']) == ('not in this protocol', 0)
-
-
 def test_diagnostics_warn_of_the_last_second_and_forget() -> None:
     reading = SensorDiagnostics(100.0)
     for status in (TaxelStatus.STUCK | TaxelStatus.SATURATED, 0):
@@ -386,9 +360,12 @@ def test_diagnostics_warn_of_the_last_second_and_forget() -> None:
             reading.note(frame(reading.frames, status if k > 50 else 0, 0.01))
         reading.sentence = ''
         level, message, values = reading.judge({'crc_errors': 2}, is_open=True)
+        told = '; saturated taxels; stuck taxels; 2 crc errors' if status else ''
         assert level == (WARN if status else OK)
-        assert message.endswith('; saturated taxels; stuck taxels; 2 crc errors') is bool(status)
+        assert message == f'100 frames in the last second{told}'
         assert values['stuck taxels'] == ([1] if status else [])
+        assert values['rate (Hz)'] == pytest.approx(100.0)
+        assert (values['connection'], values['resets']) == ('streaming', 'not in this protocol')
 
 
 def test_diagnostics_warn_of_slow_and_irregular_frames() -> None:
@@ -450,22 +427,13 @@ def sensor(ros: Ros, port: Port) -> Sensor:
     )
 
 
-def test_sensor_node_lives_by_its_services(
+def test_sensor_node_publishes_what_its_board_sends(
     ros: Ros, port: Port, sensor: Sensor, rows: np.ndarray
 ) -> None:
-    rate = Parameter('rate_hz', value=50.0).to_parameter_msg()
-    set_rate = 'sensor_node/set_parameters_atomically'
-    assert ros.ask(SetParametersAtomically, set_rate, parameters=[rate]).result.successful
-
-    def to(transition: int) -> str:
-        request = {'transition': Transition(id=transition)}
-        assert ros.ask(ChangeState, 'sensor_node/change_state', **request).success
-        return ros.ask(GetState, 'sensor_node/get_state').current_state.label
-
-    assert to(Transition.TRANSITION_CONFIGURE) == 'inactive'
-    assert to(Transition.TRANSITION_ACTIVATE) == 'active'
+    assert ros.change(sensor.node, rate_hz=50.0).successful
+    sensor.start()
     assert ros.until(lambda: sensor.layouts)
-    refused = ros.ask(SetParametersAtomically, set_rate, parameters=[rate]).result
+    refused = ros.change(sensor.node, rate_hz=50.0)
     assert refused.reason == 'rate_hz is read at configure: deactivate and clean up first'
     port.play(rows[:20])
     assert ros.until(lambda: len(sensor.frames) == 20)
@@ -478,11 +446,9 @@ def test_sensor_node_lives_by_its_services(
     assert all(message.valid for message in sensor.frames)
     assert (np.diff([f.stamp_ns for f in got]) > 0).all()
     assert {message.header.frame_id for message in sensor.frames} == {'thumb'}
-    assert to(Transition.TRANSITION_DEACTIVATE) == 'inactive'
-    assert not list(sensor.node.timers)
+    change = {'transition': Transition(id=Transition.TRANSITION_ACTIVE_SHUTDOWN)}
+    assert ros.ask(ChangeState, 'sensor_node/change_state', **change).success
     assert 'reader' not in thread_names()
-    assert to(Transition.TRANSITION_CLEANUP) == 'unconfigured'
-    assert to(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN) == 'finalized'
 
 
 def test_sensor_node_survives_a_port_that_comes_and_goes(

@@ -79,10 +79,8 @@ def test_a_fast_stream_asks_rarely_who_listens(talk: Talk) -> None:
     assert stamps == list(range(stamps[0], 125))
 
 
-@pytest.mark.parametrize('step_ns', [10 * MS, 0, -MS])
-def test_slow_frames_and_clocks_that_stand_or_step_back_ask_every_time(
-    talk: Talk, step_ns: int
-) -> None:
+@pytest.mark.parametrize('step_ns', [10 * MS, -MS])
+def test_slow_frames_and_clocks_that_step_back_ask_every_time(talk: Talk, step_ns: int) -> None:
     for i in range(10):
         talk.wrench.listeners = i % 2
         talk.say(BEGIN_NS + i * step_ns)
@@ -114,12 +112,11 @@ def test_an_image_looks_at_the_skin_from_above() -> None:
     'layout',
     [
         matrix(SQUARE[:-1]),
-        matrix(SQUARE[:4]),
         matrix(SQUARE * [1, 1.5, 1] + [[1e-3 * (i == 3), 0, 0] for i in range(12)]),
         matrix(np.vstack([SQUARE[:11], SQUARE[:1]])),
         Layout(SQUARE, ('Bx', 'By', 'Bz'), 'T'),
     ],
-    ids=['a hole', 'a line', 'out of line', 'twice', 'three channels'],
+    ids=['a hole', 'out of line', 'twice', 'three channels'],
 )
 def test_what_is_no_matrix_has_no_image(layout: Layout) -> None:
     assert grid_of(layout) is None
