@@ -269,6 +269,30 @@ def test_a_short_silence_of_the_hand_is_forgiven_where_it_stayed() -> None:
     assert world.force == pytest.approx(2.0, rel=0.1)
 
 
+def test_two_sources_of_joint_states_give_the_hand_up_and_say_so() -> None:
+    world = World('allegro_v5', fault_time=1.0)
+    world.holding()
+    count = len(world.decisions)
+    for k in range(150):
+        if k % 5 == 0:
+            world.stage.take_joints(world.joints.position + 0.6, world.time_s + 0.005)
+        world.step()
+    found = world.decisions[count:]
+    phases = [made.made.phase for made in found[5:]]
+    assert phases.index(GripPhase.IDLE) in range(90, 115)
+    assert {*phases} == {GripPhase.FAULT, GripPhase.IDLE}
+    said = 'jumps there and back by 0.600: two sources publish its joint states; a new grasp is'
+    assert said in found[-1].refusal
+    assert world.force == pytest.approx(2.0, rel=0.1)  # its posture holds
+
+
+def test_a_time_out_while_closing_opens() -> None:
+    world = World('allegro_v5')
+    world.stage.grasp(2.0, (), 0.2, adapt=False)
+    assert world.until_end().ended.outcome == GraspOutcome.TIMEOUT
+    assert world.run(0.1).made.phase in (GripPhase.RELEASE, GripPhase.IDLE)
+
+
 def test_an_outage_during_a_grasp_ends_it_as_a_fault() -> None:
     world = World('allegro_v5', fault_time=0.3)
     world.run(0.2)
