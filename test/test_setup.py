@@ -175,16 +175,6 @@ def test_an_environment_made_by_hand_is_not_touched(load: Load, tmp_path: Path) 
         environment.make_environment(tmp_path / '.venv', ['tools'], 'kilted', tmp_path / 'log')
 
 
-def test_include_paths_are_mended(load: Load) -> None:
-    text = (
-        '  INTERFACE_INCLUDE_DIRECTORIES "${_IMPORT_PREFIX}/include/x;/opt/python/cp311-cp311/'
-        'include/python3.11;/opt/python/cp311-cp311/lib/python3.11/site-packages/numpy/_core/'
-        'include"'
-    )
-    mended = load('environment').mended(text, '/py', '/np')
-    assert mended == '  INTERFACE_INCLUDE_DIRECTORIES "${_IMPORT_PREFIX}/include/x;/py;/np"'
-
-
 def test_sourced_ros_is_left_out(load: Load, monkeypatch: Patch) -> None:
     monkeypatch.setenv('AMENT_PREFIX_PATH', '/somewhere')
     monkeypatch.setenv('ROS_DOMAIN_ID', '7')

@@ -137,24 +137,6 @@ def test_what_is_no_reading_is_followed_with_the_readings_and_says_nothing_about
     np.testing.assert_array_equal(found[..., :-1], plain[:200])
 
 
-@pytest.mark.parametrize('untold', [slice(None, None, 7), slice(30, 31), slice(40, 90)])
-def test_frames_that_tell_no_temperature_cost_no_others(untold: slice) -> None:
-    stamp_ns = np.arange(200) * 10  # ten frames a block
-    values = np.zeros((200, *SHAPE))
-    warmth = np.full((200, SHAPE[0], 1), 30.0)
-    warmth[untold] = np.nan
-    beside = np.concatenate([values, warmth], axis=2)
-    start = np.concatenate([np.zeros(SHAPE), np.full((SHAPE[0], 1), 20.0)], axis=1)
-    tracker = BaselineTracker(start, TRACKING)
-    held = tracker.follow(beside, stamp_ns)[0]
-    assert (held[-1, :, -1] > 29.0).all()
-    pieced = BaselineTracker(start, TRACKING)
-    one = np.concatenate(
-        [pieced.follow(beside[i : i + 1], stamp_ns[i : i + 1])[0] for i in range(200)]
-    )
-    np.testing.assert_array_equal(one, held)
-
-
 @pytest.mark.parametrize('what', ['no stamps', 'no tracking', 'no threshold', 'lost taxel'])
 def test_nothing_is_followed_without(what: str) -> None:
     values, stamp_ns = np.full((50, *SHAPE), 0.5), np.arange(50) * PERIOD_NS
@@ -171,14 +153,6 @@ def test_nothing_is_followed_without(what: str) -> None:
     )[0]
     assert held.shape == values.shape
     assert not held.any()
-
-
-def test_an_unknown_baseline_stays_unknown() -> None:
-    start = np.array([[0.0, 0, 0], [0, np.nan, 0]])
-    held = BaselineTracker(start, TRACKING).follow(
-        np.zeros((9, *SHAPE)), np.arange(9) * PERIOD_NS
-    )[0]
-    np.testing.assert_array_equal(held, np.broadcast_to(start, held.shape))
 
 
 def plain_baselines(
@@ -257,18 +231,6 @@ def no_restarts(rows: int = SAMPLES) -> np.ndarray:
     return np.arange(rows) == 0
 
 
-@pytest.mark.parametrize('stated', [0.2, np.array([0.2, 0.3, 0.4])])
-def test_stated_noise_counts_for_every_taxel(stated: float | np.ndarray) -> None:
-    rest = Rest.unknown(SHAPE, stated)
-    np.testing.assert_allclose(rest.noise, np.broadcast_to(stated, SHAPE))
-    np.testing.assert_allclose(rest.scale, 5 * np.broadcast_to(stated, SHAPE))
-    assert np.isnan(rest.baseline).all()
-    learned = rest.learn(resting(), np.ones(SAMPLES, bool), None, no_restarts())
-    np.testing.assert_allclose(learned.noise, np.broadcast_to(stated, SHAPE))
-    with pytest.raises(ValueError, match='broadcast'):
-        Rest.unknown(SHAPE, np.ones(2))
-
-
 def test_a_baseline_has_the_temperatures_of_its_frames_where_they_are_heeded() -> None:
     values, rows = resting(), np.arange(SAMPLES) < 150
     chips = np.where(rows[:, None], [20.0, np.nan], 90.0)
@@ -306,32 +268,6 @@ def test_what_no_chip_can_have_and_chips_of_dead_taxels_tell_no_temperature() ->
     np.testing.assert_allclose(told, [20.0, np.nan])
 
 
-@pytest.mark.parametrize('stamped', [True, False])
-def test_resting_rows_give_baseline_and_noise(stamped: bool) -> None:
-    values, rows = resting(), np.arange(SAMPLES) < 150
-    values[150:] += 3.0
-    stamp_ns = np.arange(SAMPLES) * 10_000_000 if stamped else None
-    rest = Rest.unknown(SHAPE, None).learn(values, rows, stamp_ns, no_restarts())
-    assert rest.tared
-    np.testing.assert_allclose(rest.baseline, values[:150].mean(axis=0), rtol=1e-12)
-    np.testing.assert_allclose(rest.noise, 0.1, rtol=0.35)
-
-
-def test_without_resting_rows_readings_are_used_as_they_are() -> None:
-    rest = Rest.unknown(SHAPE, None).learn(resting(), np.zeros(SAMPLES, bool), None, no_restarts())
-    assert not rest.tared
-    contact = rest.contact(np.ones((4, *SHAPE)), np.ones(4, bool), None)
-    assert contact.tolist() == [-1] * 4
-
-
-@pytest.mark.parametrize('rows', [1, 2])
-def test_few_resting_rows(rows: int) -> None:
-    few = np.arange(SAMPLES) < rows
-    rest = Rest.unknown(SHAPE, None).learn(resting(), few, None, no_restarts())
-    assert np.isfinite(rest.baseline).all()
-    assert np.isfinite(rest.noise).all() == (rows == 2)
-
-
 def test_a_taxel_that_was_never_read_stays_unknown() -> None:
     values = resting()
     values[:, 1] = np.nan
@@ -357,15 +293,6 @@ def test_contact_is_told_only_where_it_can_be() -> None:
     assert rest.contact(delta, good, tare).tolist() == [0, 1, -1, 0, -1, 0]
     blind = Rest.unknown(SHAPE, None)
     assert blind.contact(delta, good, None).tolist() == [-1] * 6
-
-
-def test_no_touches_leave_the_noise_to_decide() -> None:
-    rest = Rest.unknown(SHAPE, 0.1)
-    np.testing.assert_array_equal(rest.threshold(np.zeros((0, *SHAPE))).scale, rest.scale)
-    lost = np.full((3, *SHAPE), np.nan)
-    np.testing.assert_array_equal(rest.threshold(lost).scale, rest.scale)
-    touched = np.full((3, *SHAPE), 4.0)
-    np.testing.assert_allclose(rest.threshold(touched).scale, 1.6)
 
 
 def touches(
@@ -495,10 +422,3 @@ def test_time_that_does_not_increase_ends_the_stream() -> None:
     restarts(stream, 3, 5)
     assert not stream.is_over(None)
     assert [stream.is_over(np.array([stamp])) for stamp in (6, 5, 4)] == [False, True, True]
-
-
-def test_of_many_frames_only_the_first_begins() -> None:
-    stream = new_stream()
-    assert restarts(stream, 3, 4, 5) == [True, False, False]
-    assert restarts(stream, 6, 7) == [False, False]
-    assert restarts(stream, None, None) == [True, True]

@@ -53,24 +53,6 @@ def test_ids_live_from_touch_to_release(stream: list[tuple[int, int]], cut: int)
     assert np.concatenate(parts).tolist() == wanted
 
 
-@given(STREAM)
-def test_numbers_begin_anew_with_a_stream(stream: list[tuple[int, int]]) -> None:
-    contact = np.array([c for c, _ in stream], np.int8)
-    restart = np.array([r < 2 for _, r in stream], bool)
-    begins = np.array([r == 0 for _, r in stream], bool)
-    wanted = []
-    for part in np.split(np.arange(len(contact)), np.flatnonzero(begins)):
-        wanted += plain_ids(contact[part].tolist(), restart[part].tolist())
-    found = ContactIds().number(contact, restart, in_time=True, begins=begins)
-    assert found.tolist() == wanted
-
-
-def test_independent_frames_are_not_numbered() -> None:
-    contact = np.array([1, 0, -1, 1], np.int8)
-    ids = ContactIds().number(contact, np.ones(4, bool), in_time=False)
-    assert ids.tolist() == [0, -1, 0, 0]
-
-
 def test_the_threshold_is_five_sigma_or_a_share_of_light_touches() -> None:
     np.testing.assert_allclose(contact_scale(NOISE, None), [[0.5, 1.0]])
     touched = np.full((10, 1, 2), 2.0)
@@ -101,12 +83,6 @@ def test_a_threshold_that_nothing_tells_is_unknown(noise: float) -> None:
     assert np.isnan(contact_scale(np.full((1, 2), noise), np.zeros((4, 1, 2)))).all()
 
 
-def test_the_largest_channel_counts() -> None:
-    delta = np.array([[[0.1, 0.1]], [[-0.4, 0.1]], [[0.0, np.nan]]])
-    np.testing.assert_allclose(excursion(delta, np.array([[0.2, 1.0]])), [0.5, 2.0, np.nan])
-    assert np.isnan(excursion(delta, np.full((1, 2), np.nan))).all()
-
-
 X = np.arange(12.0)
 
 
@@ -133,10 +109,6 @@ def test_an_id_stays_with_its_patch_whatever_its_rank() -> None:
     assert found == [[0, 1, -1], [0, 1, -1], [1, 0, -1], [1, 0, -1]]
 
 
-def test_what_moves_by_more_than_itself_is_followed_within_reach() -> None:
-    assert numbered('a', ' a', '  a', '      a') == [[0, -1, -1]] * 3 + [[1, -1, -1]]
-
-
 def test_a_patch_that_splits_leaves_its_id_to_the_part_that_shares_most() -> None:
     assert numbered('aaaaaa', 'aa bbb') == [[0, -1, -1], [1, 0, -1]]
 
@@ -144,10 +116,6 @@ def test_a_patch_that_splits_leaves_its_id_to_the_part_that_shares_most() -> Non
 def test_patches_that_merge_keep_the_id_of_which_most_is_shared() -> None:
     found = numbered('aa bbb', 'aaaaaa', 'aa bbb')
     assert found == [[0, 1, -1], [1, -1, -1], [2, 1, -1]]
-
-
-def test_an_id_that_ended_never_comes_back() -> None:
-    assert numbered('a', '', 'a') == [[0, -1, -1], [-1, -1, -1], [1, -1, -1]]
 
 
 def test_frames_that_cannot_tell_end_nothing() -> None:

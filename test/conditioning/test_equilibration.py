@@ -27,30 +27,6 @@ def test_a_divider_is_equilibrated_to_two_percent() -> None:
     assert np.std((fitted.forces(u) / force)[firm]) < 0.02
 
 
-def test_monotone_laws_rise_everywhere() -> None:
-    u, force = pressed(300, 3, power=0.7)
-    for law in ('power', 'pchip'):
-        fitted = Equilibration(law).fit(u, force, np.arange(300))
-        grid = np.linspace(0, 1, 60)[:, None] * fitted.top_
-        assert (np.diff(fitted.forces(grid), axis=0) > -1e-9).all()
-
-
-def test_dead_and_stuck_taxels_are_found_and_do_no_harm() -> None:
-    u, force = pressed(100, 4)
-    u[:, 1], u[:, 2] = 0.0, 0.0  # stuck readings have no change from their baseline
-    found = silent_taxels(u, force, np.full(4, 1e-3))
-    assert found.tolist() == [False, True, True, False]
-    fitted = Equilibration().fit(u, np.where(found, np.nan, force), np.arange(100))
-    assert np.isnan(fitted.forces(u)[:, found]).all()
-    assert np.isfinite(fitted.forces(u)[:, ~found]).all()
-
-
-def test_untouched_taxels_are_not_called_silent() -> None:
-    u, force = pressed(100, 5)
-    u[:, 3], force[:, 3] = 0.0, 0.0
-    assert not silent_taxels(u, force, np.full(4, 1e-3)).any()
-
-
 def test_a_power_of_the_load_is_found_and_goes_on_beyond_what_was_learned() -> None:
     u, force = pressed(300, 6, power=0.7)
     fitted = Equilibration('power').fit(u, force, np.arange(300))

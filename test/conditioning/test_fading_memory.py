@@ -97,36 +97,6 @@ def test_frames_that_are_not_newer_and_values_that_are_missing() -> None:
     )
 
 
-def test_a_stamp_of_another_stream_may_lie_before() -> None:
-    change, stamp_ns, restart = stream(60, 2, seed=4)
-    moved = stamp_ns.copy()
-    moved[restart.cumsum() > 0] -= 10**15
-    np.testing.assert_allclose(
-        FadingMemory(TAUS)(change, moved, restart),
-        FadingMemory(TAUS)(change, stamp_ns, restart),
-        rtol=0,
-        atol=1e-12,
-    )
-
-
-def test_a_held_change_is_reached() -> None:
-    stamp_ns = np.array([0, 1, 10**12, 2 * 10**12])
-    means = FadingMemory(TAUS)(np.ones((4, 1)), stamp_ns, np.zeros(4, bool))
-    np.testing.assert_allclose(means[-1], 1.0, rtol=0, atol=1e-9)
-
-
-def test_an_empty_batch_is_empty() -> None:
-    history = FadingMemory(TAUS)
-    nothing = history(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, bool))
-    assert nothing.shape == (0, 4, 3)
-
-
-@pytest.mark.parametrize('taus', [[0.0], [-1.0, 1.0], [np.nan]])
-def test_time_constants_are_positive(taus: list[float]) -> None:
-    with pytest.raises(ValueError, match='must be positive'):
-        FadingMemory(np.array(taus))
-
-
 def test_an_array_that_is_used_again_does_not_change_the_past() -> None:
     change, stamp_ns, restart = stream(20, 3, 0)
     history, reused = FadingMemory(TAUS), np.empty((1, 3))

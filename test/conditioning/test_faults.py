@@ -59,11 +59,6 @@ def test_bits_are_those_of_the_definition(values: np.ndarray, told: bool, seed: 
     np.testing.assert_array_equal(usable_rows(bits), ~bad.any(axis=1))
 
 
-@pytest.mark.parametrize('limit', [np.array([np.inf] * 2), np.array([np.nan] * 2)])
-def test_no_limit_never_clips(limit: np.ndarray) -> None:
-    assert not taxel_faults(np.full((1, 2, 2), 1e300), None, layout(limit)).any()
-
-
 def test_a_chip_whose_field_is_exactly_0_on_all_axes_is_dead() -> None:
     values = np.full((4, 3, 2), 1e-6)
     values[1, 2] = values[2, :2] = 0.0

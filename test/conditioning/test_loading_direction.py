@@ -73,15 +73,6 @@ def test_lost_rows_keep_the_sign_and_change_no_other(rate: float) -> None:
     assert (without == signs[~lost]).all()
 
 
-def test_noise_of_a_rest_or_a_hold_turns_nothing() -> None:
-    load = np.concatenate([np.zeros(100_000), np.linspace(0, TOP, 50), np.full(100_000, TOP)])
-    rng = np.random.default_rng(3)
-    load += 4e-3 * TOP * rng.normal(size=len(load))
-    signs = loading_signs(load[:, None], begins(len(load)))[:, 0]
-    assert (signs[:100_000] == 0).all()
-    assert (signs[100_050:] == 1).all()
-
-
 def test_a_stream_forgets_the_one_before_it() -> None:
     _, load = read(100.0, 2e-3 * TOP)
     load = np.column_stack([load[:, 0], load[::-1, 0], np.full(len(load), np.nan)])
@@ -93,13 +84,6 @@ def test_a_stream_forgets_the_one_before_it() -> None:
     assert set(np.unique(signs[:, :2])) == {-1.0, 0.0, 1.0}
     assert (signs[:, 2] == 0).all()
     assert (signs[900] == 0).all()
-
-
-def test_pauses_and_other_clocks_do_not_matter() -> None:
-    time, load = read(100.0)
-    held = (time > 2.6) & (time < 3.9)  # nothing moves meanwhile
-    whole = loading_signs(load, begins(len(time)))
-    assert (loading_signs(load[~held], begins(int((~held).sum()))) == whole[~held]).all()
 
 
 def test_a_band_is_bounded_and_loads_that_never_were_have_one() -> None:

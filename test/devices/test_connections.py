@@ -20,14 +20,6 @@ FOUR = Layout(np.zeros((4, 3)), ('Bx', 'By', 'Bz'), 'T', rate_hz=50.0)
 ADDRESSES = (0x0C, 0x0D, 0x0E, 0x0F)
 
 
-def test_chip_connection_places_chips_directly_on_buses() -> None:
-    connection = ChipConnection(
-        buses=('/dev/i2c-1', '/dev/i2c-2'), bus_of_chip=(0, 0, 1, 1), addresses=(12, 13, 12, 13)
-    )
-    wanted = [ChipPlace(12, 0), ChipPlace(13, 0), ChipPlace(12, 1), ChipPlace(13, 1)]
-    assert connection.places(4) == wanted
-
-
 def test_chip_connection_places_chips_behind_switches() -> None:
     connection = ChipConnection(
         addresses=ADDRESSES, mux_addresses=(0x70, 0x70, 0, 0x71), mux_channels=(0, 1, 0, 7)
@@ -84,28 +76,3 @@ def test_chip_connection_chooses_the_driver_by_transport() -> None:
     assert isinstance(connection.open(FOUR, time.monotonic_ns), ChipArray)
     serial = dataclasses.replace(connection, transport='serial')
     assert isinstance(serial.open(FOUR, time.monotonic_ns), FramedBoard)
-
-
-def test_chip_connection_scales_by_its_settings() -> None:
-    coarse, fine = ChipConnection(gain=1, resolution=(2, 2, 2)), ChipConnection(gain=1)
-    np.testing.assert_allclose(coarse.scale(), 2 * np.asarray(fine.scale()))
-    np.testing.assert_allclose(coarse.scale(), [2.4032e-6, 2.4032e-6, 3.872e-6], rtol=1e-3)
-
-
-class Gradiometer(FramedConnection):
-    """Four pixels, 1 uT a count."""
-
-    def payload(self, layout: Layout) -> Payload:
-        return gradiometer()
-
-    def scale(self) -> float:
-        return 1e-6
-
-
-def test_framed_connection_refuses_a_slow_port_with_both_rates() -> None:
-    fast = Layout(np.zeros((4, 3)), ('Bx', 'Bz'), 'T', rate_hz=1000.0)
-    slow_port = Gradiometer(baud=115_200)
-    # 38 bytes of a frame 1000 times a second; ten bits for each byte
-    with pytest.raises(ValueError, match=r'38000 .*11520'):
-        slow_port.open(fast, time.monotonic_ns)
-    dataclasses.replace(slow_port, native_usb=True).open(fast, time.monotonic_ns)

@@ -57,13 +57,6 @@ def test_stuck_detector_does_not_judge_a_still_board() -> None:
     assert follow(readings).all(axis=1)[-1]
 
 
-def test_stuck_detector_knows_a_quiet_taxel() -> None:
-    readings = noisy(400)
-    readings[:, 1] = np.repeat(noisy(50)[:, 1], 8, axis=0)
-    readings[300:312, 1] = readings[300, 1]
-    assert not follow(readings, others=0.5)[:, 1].any()
-
-
 def test_stuck_detector_learns_rest_as_a_whole() -> None:
     """After a rest of 1000 readings one of 300 is no wonder, however lively the touch was."""
     readings = np.concatenate([np.repeat(noisy(1), 1000, axis=0), noisy(200)])
@@ -72,21 +65,6 @@ def test_stuck_detector_learns_rest_as_a_whole() -> None:
     for row in readings[:, :1]:
         detector.follow(row)
         assert not detector.status().any()
-
-
-def test_stuck_detector_waits_for_changes() -> None:
-    def first(changes: int, moving: int) -> int:
-        detector = StuckDetector(1, least_changes=changes)
-        for row in noisy(moving, 1):
-            detector.follow(row)
-        for count in range(100):
-            detector.follow(np.zeros((1, 3)))
-            if detector.stuck().any():
-                return count
-        return -1
-
-    assert first(10, 5) == -1
-    assert first(0, 5) == first(5, 5) == 9
 
 
 def test_stuck_detector_leaves_uninformative_repeats_out() -> None:
@@ -102,20 +80,6 @@ def test_stuck_detector_leaves_uninformative_repeats_out() -> None:
     assert detector.status().tolist() == [STALE | STUCK]
     detector.follow(np.zeros((1, 3)), informative=False)
     assert not detector.status().any()
-
-
-def test_stuck_detector_keeps_the_run_of_unread_taxels() -> None:
-    detector = StuckDetector(1)
-    good = np.ones(1, bool)
-    for row in noisy(60, 1):
-        detector.follow(row, good)
-    for _ in range(9):
-        assert not detector.stuck().any()
-        detector.follow(np.zeros((1, 3)), ~good)
-        detector.follow(row, good)
-    assert detector.stuck().all()
-    detector.forget()
-    assert not detector.stuck().any()
 
 
 def test_stuck_detector_finds_a_returning_fault_as_soon() -> None:
@@ -156,13 +120,6 @@ def test_chip_faults_follow_a_wrap_until_it_comes_back() -> None:
         assert status in (0, TaxelStatus.SATURATED, TaxelStatus.WRAPPED)
 
 
-def test_chip_faults_mark_a_jump_but_not_its_return() -> None:
-    read = Reader(jump=0.5)
-    assert [read(x) for x in (0.1, 0.4, -0.2, -0.75, -0.7, 0.0)] == [
-        0, 0, TaxelStatus.WRAPPED, TaxelStatus.WRAPPED, TaxelStatus.WRAPPED, 0,
-    ]  # fmt: skip
-
-
 def test_chip_faults_believe_what_lasts() -> None:
     read = Reader()
     read(0.0)
@@ -183,15 +140,6 @@ def test_chip_faults_mark_repeats_read_too_early() -> None:
     assert read(0.2, fresh=False) == 0
 
 
-@pytest.mark.parametrize(('readings', 'unmarked'), [(600, 1), (100, 2)])
-def test_chip_faults_mark_unusual_repeats_soon(readings: int, unmarked: int) -> None:
-    read = Reader()
-    assert not any([read(1e-3 * (i % 7)) for i in range(readings)])
-    marks = [read(0.3) for _ in range(12)]
-    assert marks == [*[0] * unmarked, *[STALE] * (9 - unmarked), *[STALE | STUCK] * 3]
-    assert read(0.31) == 0
-
-
 @pytest.mark.parametrize(('quiet', 'after'), [(1, 10), (8, 105)])
 def test_chip_faults_judge_repeats_by_the_chips_own_noise(quiet: int, after: int) -> None:
     """`quiet` readings alike are usual for this chip; more of them are needed to condemn it."""
@@ -206,18 +154,3 @@ def test_chip_faults_judge_repeats_by_the_chips_own_noise(quiet: int, after: int
     doubted = statuses.index(STALE) + 1
     assert doubted == pytest.approx({10: 3, 105: 53}[after], abs=1)
     assert read(0.31) == 0
-
-
-def test_chip_faults_do_not_judge_unread_chips() -> None:
-    read = Reader()
-    read(0.1)
-    assert read(0.999, good=False) == 0
-    assert read(0.1) == 0
-
-
-@pytest.mark.parametrize(
-    'wrong', [{'margin': 1.0}, {'jump': 0.0}, {'stuck_after': 1}, {'stuck_chance': 0.0}]
-)
-def test_chip_faults_refuse_parameters_that_are_no_shares(wrong: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match='of ChipFaultDetector must be shares and stuck_after 2'):
-        Reader(**wrong)

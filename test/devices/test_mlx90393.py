@@ -114,25 +114,6 @@ def test_decoder_turns_codes_into_fields(
     assert temperature_c.tolist() == [35.0]
 
 
-def test_decoder_takes_temperature_from_each_chips_reference() -> None:
-    """Typical 46244 at 25 degrees, 45.2 a degree, unsigned."""
-    decoder = Decoder(ChipSettings(), [46696, 46600])
-    answers = b''.join(
-        bytes((3,)) + word.to_bytes(2, 'big') + b'\x80\x00' * 3 for word in (46244, 46600 - 452)
-    )
-    assert decoder.values(decoder.words(answers)[1])[1] == pytest.approx([25.0, 25.0])
-
-
-def test_decoder_reads_shorter_answers_without_temperature() -> None:
-    settings = ChipSettings(temperature=False)
-    decoder = Decoder(settings, [0])
-    answer = bytes((2, 0x80, 1, 0x80, 0, 0x7F, 0xFF))
-    values, temperature_c = decoder.values(decoder.words(answer)[1])
-    assert temperature_c is None
-    assert values[0] == pytest.approx([2.4032e-6, 0.0, -3.872e-6])
-    assert (settings.axes, settings.answer_bytes) == (0xE, 7)
-
-
 @pytest.mark.parametrize(
     'change',
     [{'oversampling': 2}, {'digital_filter': 1, 'oversampling': 1}, {'hallconf': 0},
@@ -199,16 +180,6 @@ def bus(wires: Writes) -> I2cBus:
     return bus
 
 
-def test_switches_write_only_changes_and_close_the_other_first(wires: Writes, bus: I2cBus) -> None:
-    switches = Switches(bus, [behind(0x71), behind(0x70)])
-    for mux, channel in ((0x70, 1), (0x70, 1), (0x71, 2), (0x71, 3)):
-        switches.select(behind(mux, channel))
-    switches.select(ChipPlace())
-    assert wires.seen == [
-        (0x71, b'\x00'), (0x70, b'\x02'), (0x70, b'\x00'), (0x71, b'\x04'), (0x71, b'\x08'),
-    ]  # fmt: skip
-
-
 def test_switches_write_again_what_failed_or_was_forgotten(wires: Writes, bus: I2cBus) -> None:
     switches = Switches(bus, [behind(0x70)])
     switches.select(behind(0x70, 1))
@@ -222,27 +193,8 @@ def test_switches_write_again_what_failed_or_was_forgotten(wires: Writes, bus: I
     assert wires.seen == [(0x70, b'\x02')] * 3
 
 
-def test_clusters_are_places_behind_one_switch() -> None:
-    places = clusters()
-    refuse_conflicts(places)
-    assert len(set(places)) == 20
-    assert {place.channel for place in places} == set(range(5))
-    assert {place.address for place in places} == {0x0C, 0x0D, 0x0E, 0x0F}
-    assert str(places[4]) == '0x0c on bus 0 behind channel 1 of 0x70'
-    assert str(ChipPlace(0x13, 1)) == '0x13 on bus 1'
-
-
 @pytest.mark.parametrize('other', [ChipPlace(0x0C), ChipPlace(0x70), behind(0x70, 1)])
 def test_places_of_which_two_would_answer_are_refused(other: ChipPlace) -> None:
     with pytest.raises(ValueError, match='two would answer as'):
         refuse_conflicts([behind(0x70, 1), other])
     refuse_conflicts([ChipPlace(0x0C), ChipPlace(0x0C, 1)])
-
-
-@pytest.mark.parametrize(
-    'place',
-    [(0x07,), (0x78,), (0x0C, -1), (0x0C, 0, 0x70), (0x0C, 0, 0x6F, 1), (0x0C, 0, 0x70, 8)],
-)
-def test_places_that_cannot_be_are_refused(place: tuple[int, ...]) -> None:
-    with pytest.raises(ValueError, match='of ChipPlace must be'):
-        ChipPlace(*place)

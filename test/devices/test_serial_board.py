@@ -226,20 +226,6 @@ def test_reskin_board_ends_silence_in_time_and_without_work(board: ReskinBoard) 
     assert time.process_time() - work < 0.1
 
 
-def test_reskin_board_follows_a_fast_board(
-    port: SimulatedSerialPort, board: ReskinBoard, rows: np.ndarray
-) -> None:
-    """Many more bytes than the port can hold, in pieces that fit no frame."""
-    stream = encode(np.tile(rows, (20, 1, 1)))
-    pieces = [stream[i : i + 1000] for i in range(0, len(stream), 1000)]
-    writer = threading.Thread(target=lambda: [port.send(piece) for piece in pieces])
-    writer.start()
-    frames = take(board, len(stream) // 82)
-    writer.join()
-    assert [f.sequence for f in frames] == list(range(1280))
-    assert board.counters()['lost_bytes'] == 0
-
-
 def test_reskin_board_refuses_misfits(layout: Layout) -> None:
     with pytest.raises(ValueError, match='must have 3 channels; received 2'):
         ReskinBoard('/dev/null', LAYOUT)
@@ -321,27 +307,6 @@ def test_framed_board_follows_a_clock_that_wraps_and_drifts(clock: VirtualClock)
     assert board.counters()['clock_jumps'] == 0
 
 
-def test_framed_board_keeps_its_stamps_when_it_is_read_late(
-    twin: FramedTwin, framed: FramedBoard
-) -> None:
-    for _ in range(50):
-        twin.play(1)
-        framed.read(5.0)
-    twin.play(80)
-    due = [START_NS + (i + 1) * MS for i in range(50, 130)]
-    # the difference of the clocks creeps up by 1 % of the time that passed
-    np.testing.assert_allclose([f.stamp_ns for f in read_to(framed, 129)], due, rtol=0, atol=1e6)
-
-
-def test_framed_board_takes_time_on_the_wire_off(clock: VirtualClock) -> None:
-    how = {'baud': 460800, 'native_usb': False}
-    twin = FramedTwin(LAYOUT, gradiometer(), SCALE, signal, clock=clock, **how)
-    with twin, twin.device(clock.now_ns) as board:
-        twin.play(1)
-        stamp_ns = board.read(5.0).stamp_ns
-    assert stamp_ns == clock.now_ns() - round(38 * 10 / 460800 * 1e9)
-
-
 @pytest.mark.parametrize(
     ('payload', 'layout', 'scale', 'baud', 'why'),
     [
@@ -374,13 +339,6 @@ def test_framed_board_refuses_another_stream_once_naming_both(port: SimulatedSer
         assert isinstance(complaint(board, 'of 72 in 90 bytes'), DeviceTimeout)
         port.send(framed_protocol.encode(payload, np.zeros((16, 1), int), 0, 0))
         assert board.read(5.0).dropped == 0
-
-
-def test_framed_board_sees_no_frame_in_noise(port: SimulatedSerialPort) -> None:
-    with FramedBoard(port.port, LAYOUT, gradiometer(), SCALE, native_usb=True) as board:
-        port.send(bytes(1000))
-        said = str(complaint(board, 'bytes come from'))
-        assert 'gradiometer (kind 1) of 4 in 18 bytes within' in said
 
 
 def framed_frames(payload: Payload, data: bytes) -> tuple[list[Frame], dict[str, int]]:
@@ -448,19 +406,6 @@ def test_serial_board_tries_a_missing_port_with_growing_pauses(
     board.close()
 
 
-def test_serial_board_counts_openings_after_the_first_as_reconnections(
-    port: SimulatedSerialPort, layout: Layout
-) -> None:
-    board = ReskinBoard(port.port, layout)
-    for _ in range(3):
-        board.open()
-        board.open()
-        board.close()
-    assert board.counters()['reconnects'] == 2
-    with pytest.raises(DeviceError, match='is closed'):
-        board.read(0.0)
-
-
 # --- readings that cannot be trusted ---
 
 
@@ -482,14 +427,6 @@ def test_serial_board_with_quiet_converters_gives_no_false_alarm() -> None:
     counts = rows_of(gradiometer(), 2, 0.24, 10_000)
     assert 0.2 < (counts[1:] == counts[:-1]).all(axis=(1, 2)).mean() < 0.95
     assert not marks_of(gradiometer(), counts).all(axis=1).any()
-
-
-def test_serial_board_of_chips_without_power_is_dead() -> None:
-    counts = rows_of(CHIPS, 3, 2.0, 20)
-    counts[10:] = 0
-    marks = marks_of(CHIPS, counts)
-    assert not marks[:10].any()
-    assert (marks[10:] & DEAD > 0).all()
 
 
 def test_serial_board_that_never_moved_is_stuck() -> None:

@@ -69,12 +69,6 @@ def test_misfits_are_found(known: dict[str, np.ndarray]) -> None:
         ContactStates.assemble(3, TAXELS, known).refuse_misfit(TAXELS)
 
 
-def test_no_states_are_states_too() -> None:
-    states = ContactStates.assemble(0, TAXELS, {})
-    assert len(states) == 0
-    assert list(states) == []
-
-
 def test_states_are_plain_numbers_by_name_and_short_in_print() -> None:
     force, touched = np.array([[0.0, 0.0, 1.5], [0.0, 0.0, 0.0]]), np.array([1, 0])
     states = ContactStates.assemble(2, 2, {'force': force, 'in_contact': touched})

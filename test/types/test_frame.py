@@ -16,12 +16,6 @@ def test_what_is_no_number_is_refused(value: object) -> None:
     assert refused.value.__cause__ is not None
 
 
-def test_what_was_received_is_told_in_few_words() -> None:
-    with pytest.raises(ValueError, match='must be numbers') as refused:
-        as_shape('values of X', 'far' * 1000, (1,))
-    assert len(str(refused.value)) < 120
-
-
 def test_as_shape_names_what_is_wrong() -> None:
     assert as_shape('x', [[1, 2]], (-1, 2)).dtype == np.float64
     with pytest.raises(ValueError, match=r'^x must have shape \(any, 3\); received \(1, 2\)$'):
@@ -48,28 +42,9 @@ def test_a_layout_refuses_other_shapes(positions: np.ndarray, rotations: np.ndar
         Layout(positions, ('Bx', 'By', 'Bz'), 'T', rotations=rotations)
 
 
-def test_one_number_of_saturation_counts_for_every_channel() -> None:
-    layout = Layout(np.zeros((2, 3)), ('a', 'b'), '1', saturation=np.array(0.5))
-    np.testing.assert_array_equal(layout.saturation, [0.5, 0.5])  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match='shape'):
-        Layout(np.zeros((2, 3)), ('a', 'b'), '1', saturation=np.zeros(3))
-
-
-def test_a_frame_is_a_table() -> None:
-    with pytest.raises(ValueError, match=r'values of Frame must have shape \(t, c\)'):
-        Frame(0, 0, np.zeros(15))
-    frame = Frame(None, 3, np.zeros((5, 3)))
-    assert frame.temperature_c is None
-    assert frame.status is None
-
-
 def test_loops_of_an_outline_are_plane() -> None:
     disc = Outline('disc', (np.zeros((3, 2)),))
     assert disc.name == 'disc'
     assert disc.loops[0].shape == (3, 2)
     with pytest.raises(ValueError, match='a loop of Outline disc'):
         Outline('disc', (np.zeros((3, 3)),))
-
-
-def test_status_bits_are_those_of_the_messages() -> None:
-    assert [bit.value for bit in TaxelStatus] == [1, 2, 4, 8, 16, 32]

@@ -21,11 +21,6 @@ def recording(samples: int, seed: int = 0, **columns: object) -> Recording:
     return Recording.from_arrays(TEST_TRUTH_LAYOUT, values, **columns)  # type: ignore[arg-type]
 
 
-def test_one_recording_stays_as_it_is() -> None:
-    one = recording(3)
-    assert join([one]) is one
-
-
 def test_columns_that_some_lack_are_filled_with_what_means_nothing() -> None:
     full = recording(
         3,
@@ -71,13 +66,6 @@ def test_streams_and_sessions_stay_apart() -> None:
     assert joined.stream is not None
     assert len(np.unique(joined.stream)) == 7
     assert joined.truth['session'].tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]
-
-
-def test_nothing_joined_to_nothing() -> None:
-    joined = join([recording(0), recording(0)])
-    assert len(joined) == 0
-    assert not resting_rows(joined).any()
-    assert groups_of(joined)['group'].shape == (0,)
 
 
 def test_tare_rows_rest_else_those_that_truth_calls_untouched() -> None:
@@ -131,11 +119,6 @@ def test_a_calm_force_is_what_a_load_cell_makes_of_nothing() -> None:
     assert not calm_rows(recording(4, stamp_ns=stamps)).any()
 
 
-def test_a_tare_row_is_not_touched() -> None:
-    tared = recording(3, truth={'cell': [1, 1, 1]}, tare=[True, False, False])
-    assert touched_rows(tared).tolist() == [False, True, True]
-
-
 def test_groups_are_repetitions_inside_sessions() -> None:
     truth = {'session': [0, 0, 0, 1, 1, 1], 'repetition': [0, 1, 0, 0, 1, -1]}
     groups = groups_of(recording(6, truth=truth))
@@ -184,19 +167,6 @@ def full_recording(samples: int = 6) -> Recording:
         tare=np.arange(samples) % 4 == 0,
         truth={'force': rng.normal(size=(samples, 3)), 'in_contact': np.ones(samples, np.int8)},
     )
-
-
-def test_columns_become_what_the_public_face_says() -> None:
-    recording = full_recording()
-    assert recording.values.dtype == np.float64
-    assert recording.stamp_ns is not None
-    assert recording.stamp_ns.dtype == np.int64
-    assert recording.status is not None
-    assert recording.status.dtype == np.uint8
-    assert recording.tare is not None
-    assert recording.tare.dtype == np.bool_
-    assert len(recording) == 6
-    assert recording.restarts.tolist() == [True, False, False, False, True, False]
 
 
 @pytest.mark.parametrize('key', TRUTH_KEYS)
@@ -269,13 +239,6 @@ def test_poses_are_rotations_and_translations(pose: np.ndarray) -> None:
         Recording.from_arrays(LAYOUT, values, truth={'object_pose': poses})
 
 
-def test_infinite_truth_is_refused() -> None:
-    force = np.full((3, 3), np.nan)
-    force[1, 2] = np.inf
-    with pytest.raises(ValueError, match="truth 'force' of Recording must be finite"):
-        Recording.from_arrays(LAYOUT, np.zeros((3, 2, 3)), truth={'force': force})
-
-
 @pytest.mark.parametrize(
     ('name', 'value'),
     [
@@ -308,18 +271,6 @@ def test_stamps_increase_inside_a_stream_only() -> None:
         Recording.from_arrays(LAYOUT, values, stamp_ns=[0, 5, 9, 6], stream=[0, 0, 1, 1])
     back = Recording.from_arrays(LAYOUT, values, stamp_ns=[8, 9, 0, 1], stream=[0, 0, 1, 1])
     assert len(back) == 4
-
-
-def test_a_stream_that_comes_back_is_a_new_one() -> None:
-    recording = Recording.from_arrays(LAYOUT, np.zeros((5, 2, 3)), stream=[7, 7, 3, 7, 7])
-    assert recording.restarts.tolist() == [True, False, True, True, False]
-
-
-@pytest.mark.parametrize('samples', [0, 1])
-def test_recordings_may_be_short(samples: int) -> None:
-    recording = full_recording(samples)
-    assert len(recording) == samples
-    assert recording.restarts.tolist() == [True] * samples
 
 
 @given(st.lists(st.integers(0, 5), max_size=8))
