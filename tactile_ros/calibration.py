@@ -173,13 +173,13 @@ def flatten(tree: object, name: str) -> Arrays:
             msg = f'{name} of a calibration must be numbers or text; received {array.dtype}'
             raise TypeError(msg)
         return {f'{name}.{"array" if isinstance(tree, np.ndarray) else "scalar"}': array}
-    arrays, children = _take_apart(tree, name)
+    arrays, children = _parts_of(tree, name)
     for key, child in children.items():
         arrays.update(flatten(child, f'{name}/{key}'))
     return arrays
 
 
-def _take_apart(tree: object, name: str) -> tuple[Arrays, dict[str, object]]:
+def _parts_of(tree: object, name: str) -> tuple[Arrays, dict[str, object]]:
     """Kind of a container, as arrays, and its children by the last part of their path."""
     if isinstance(tree, (tuple, list)):
         label = 'tuple' if isinstance(tree, tuple) else 'list'

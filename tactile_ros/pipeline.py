@@ -21,8 +21,6 @@ from tactile_ros.conditioning.baseline import (
     BaselineTracker,
     Rest,
     Stream,
-    Tracking,
-    plausible_temperature,
     stream_baselines,
 )
 from tactile_ros.conditioning.faults import (
@@ -55,6 +53,7 @@ from tactile_ros.types import (
     field_shape,
     groups_of,
     join,
+    plausible_temperature,
 )
 from tactile_ros.types.recording import (
     are_ordered,
@@ -138,8 +137,8 @@ class Pipeline:
     def _tracker(self) -> BaselineTracker:
         rest, frames = self.rest_, self.tare_frames
         follows = self.config.track_baseline and rest.tared
-        tracking = Tracking(rest.scale) if follows else None
-        return BaselineTracker(rest.level, tracking, 1 / frames if frames else 0.0)
+        scale = rest.scale if follows else None
+        return BaselineTracker(rest.level, scale, 1 / frames if frames else 0.0)
 
     def tare(self, frames: Sequence[Frame]) -> None:
         """Replace the baseline by the mean of resting frames; an error leaves it as it was.

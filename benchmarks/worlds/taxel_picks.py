@@ -18,7 +18,7 @@ from scipy.special import ndtr
 from benchmarks.harness import plots
 from benchmarks.harness.rows import Row, within
 from reference import pick_world
-from tactile_ros.conditioning.baseline import BaselineTracker, Tracking
+from tactile_ros.conditioning.baseline import BaselineTracker
 from tactile_ros.conditioning.faults import taxel_faults, usable_rows, without_faults
 from tactile_ros.conditioning.viscoelastic import Creep
 from tactile_ros.sensors import load_sensor
@@ -223,7 +223,7 @@ def _conditioning(gripper: Gripper) -> float:
     taxels = len(gripper.config.positions)
     creep = Creep(np.array([0.7, 6.0]), np.full((2, taxels), 0.08))
     state = creep.start()
-    tracker = BaselineTracker(np.nan_to_num(pipeline.baseline), Tracking(pipeline.rest_.scale))
+    tracker = BaselineTracker(np.nan_to_num(pipeline.baseline), pipeline.rest_.scale)
     values = gripper.skin.read(np.full((1, taxels), 0.01), np.random.default_rng(SEED))[0]
     first, times = np.zeros(1, bool), []
     for i in range(1, 200):

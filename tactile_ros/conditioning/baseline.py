@@ -1,10 +1,8 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The no-contact reference: taken from resting frames, followed while at rest, frozen in contact.
 
-A block of frames (a period of stream time) counts as rest when every frame of it stays within the
-contact threshold of the baseline; then the baseline moves a step towards the block's mean. One
-frame in contact freezes the whole block, so that a held contact never fades. `pipeline.py`
-subtracts it.
+A block of frames counts as rest when every frame of it stays within the contact threshold of the
+baseline, which then moves a step towards their mean; one frame in contact freezes the block.
 """
 
 from __future__ import annotations
@@ -17,36 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.conditioning.contact import ContactIds, calm_factor, contact_scale, excursion
-from tactile_ros.conditioning.noise import (
-    MOST_APART_NS,
-    held_noise,
-    motion_noise,
-    rest_noise,
-    spread_noise,
-)
-from tactile_ros.types import Array, Bools, Integers, Recording
+from tactile_ros.types import Array, Bools, Integers, Recording, plausible_temperature
 
+PERIOD_NS, GAIN = 1_000_000_000, 0.25  # of a block; step towards the mean of one at rest
 FEWEST_PAIRS = 8
-COLDEST, HOTTEST = -60.0, 200.0  # degrees Celsius
-
-
-@dataclass(frozen=True)
-class Tracking:
-    """Rule by which the baseline follows slow drift.
-
-    Attributes
-    ----------
-    scale : ndarray, shape (t, c)
-        Deviation from the baseline that still counts as rest (unit of values).
-    period_ns : int
-        Length of a block (ns).
-    gain : float
-        Step towards the mean of a resting block, 0 (fixed) .. 1.
-    """
-
-    scale: Array
-    period_ns: int = 1_000_000_000
-    gain: float = 0.25
+MAD_TO_SIGMA = 1.4826
+MOST_APART_NS = 500_000_000
 
 
 class BaselineTracker:
@@ -55,17 +29,17 @@ class BaselineTracker:
     Attributes
     ----------
     baseline : ndarray, shape (t, c) or more channels
-        As it is now (unit of values). Channels beyond those of `tracking` (temperatures) are
-        followed by their finite readings, and do not count for rest.
-    tracking : Tracking or None
-        None: the baseline stays.
+        As it is now; channels beyond those of `scale` (temperatures) follow their finite readings
+        and do not count for rest.
+    scale : ndarray, shape (t, c), or None
+        Deviation that still counts as rest (unit of values); None: the baseline stays.
     variance : float
-        Variance of the baseline as it is now over that of a frame at rest.
+        Of the baseline as it is now, over that of a frame at rest.
     """
 
-    def __init__(self, start: Array, tracking: Tracking | None, variance: float = 0.0) -> None:
-        self.baseline, self.tracking, self.variance = start, tracking, variance
-        self._judged = slice(None if tracking is None else tracking.scale.shape[1])
+    def __init__(self, start: Array, scale: Array | None, variance: float = 0.0) -> None:
+        self.baseline, self.scale, self.variance = start, scale, variance
+        self._judged = slice(None if scale is None else scale.shape[1])
         self._unknown = bool(np.isnan(start[:, self._judged]).any())
         self._begin(0)
 
@@ -75,25 +49,21 @@ class BaselineTracker:
         self._count, self._begin_ns, self._quiet = 0, stamp_ns, True
 
     def follow(self, values: Array, stamp_ns: Integers | None) -> tuple[Array, Array]:
-        """Baselines (s, t, c) of frames in time order and their variances (s,); follow the frames.
-
-        Without stamps (s,) the frames are independent, and nothing is followed.
-        """
+        """Baselines (s, t, c) and variances (s,) of frames in time order; fixed without stamps."""
         levels = np.repeat(self.baseline[None], len(values), axis=0)
         variance = np.full(len(values), self.variance)
-        if self.tracking is None or stamp_ns is None or self._unknown:
+        if self.scale is None or stamp_ns is None or self._unknown:
             return levels, variance
         first = 0
         while first < len(values):
             now_ns = int(stamp_ns[first])
-            if self._count and now_ns - self._begin_ns >= self.tracking.period_ns:
-                self._close(self.tracking.gain)
+            if self._count and now_ns - self._begin_ns >= PERIOD_NS:
+                self._close()
             if not self._count:
                 self._begin(now_ns)
-            limit = self._begin_ns + self.tracking.period_ns
-            last = max(int(stamp_ns.searchsorted(limit)), first + 1)
+            last = max(int(stamp_ns.searchsorted(self._begin_ns + PERIOD_NS)), first + 1)
             levels[first:last], variance[first:last] = self.baseline, self.variance
-            self._gather(values[first:last], self.tracking.scale)
+            self._gather(values[first:last], self.scale)
             first = last
         return levels, variance
 
@@ -110,21 +80,19 @@ class BaselineTracker:
             # row by row onto the total, so that pieces of a stream sum as the whole does
             self._total = np.add.reduce(np.concatenate([self._total[None], block]), axis=0)
 
-    def _close(self, gain: float) -> None:
+    def _close(self) -> None:
         """End the running block: follow if it was at rest."""
         if self._quiet:
             mean = self._total / np.where(self._finite > 0, self._finite, np.nan)
-            moved = self.baseline + gain * (mean - self.baseline)
+            moved = self.baseline + GAIN * (mean - self.baseline)
             self.baseline = np.where(np.isnan(self.baseline), mean, moved)
             if self.variance:
-                self.variance = (1 - gain) ** 2 * self.variance + gain**2 / self._count
+                self.variance = (1 - GAIN) ** 2 * self.variance + GAIN**2 / self._count
         self._count = 0
 
 
 def tare_runs(tare: Bools, restarts: Bools) -> tuple[Integers, Integers]:
-    """Number the runs of resting frames (s,), and the run that serves each row (s,); -1: none.
-
-    A row is served by the latest run in its stream; `restarts` (s,) are rows at which one begins.
+    """Number the runs of resting frames (s,), and the latest in each row's stream; -1: none.
 
     Examples
     --------
@@ -156,16 +124,9 @@ def tare_means(values: Array, run: Integers) -> Array:
 
 @dataclass(frozen=True)
 class Baselines:
-    """Baselines of frames that follow one another.
+    """Baselines (s, t, c) of frames that follow one another, and variances (s,) over a frame's.
 
-    Attributes
-    ----------
-    levels, variance : ndarray, shape (s, t, c) and (s,)
-        Baselines, and their variance over that of a frame at rest.
-    restart : ndarray, shape (s,)
-        Rows before which memory is forgotten.
-    tare : ndarray, shape (s,), or None
-        Resting rows that gave a baseline.
+    Rows of `restart` (s,) forget memory; those of `tare` (s,) gave a baseline.
     """
 
     levels: Array
@@ -179,18 +140,11 @@ def stream_baselines(
 ) -> Baselines:
     """Baseline of every row of a recording, whose tare rows give that of what follows.
 
-    Parameters
-    ----------
-    recording : Recording
-        Its streams, stamps and tare rows.
-    values : ndarray, shape (s, t, c)
-        Its readings, NaN where unusable; as `Rest.with_temperature` gives them.
-    start : BaselineTracker
-        Baseline of rows that no tare run precedes, and the rule by which all follow.
-    dead : ndarray, shape (t,), or None
-        Taxels whose readings mean nothing.
+    `values` (s, t, c) are its readings as `Rest.with_temperature` gives them, NaN where unusable;
+    `start` serves rows that no tare run precedes and says how all follow; `dead` (t,) mean
+    nothing.
     """
-    restarts, tracking = recording.restarts, start.tracking
+    restarts = recording.restarts
     tare = np.zeros(len(restarts), bool) if recording.tare is None else recording.tare
     run, serves = tare_runs(tare, restarts)
     means = tare_means(values, run)
@@ -207,21 +161,20 @@ def stream_baselines(
         return Baselines(levels, variance, np.ones(len(restarts), bool), tare)
     restart = restarts.copy()
     restart[1:] |= tare[:-1]
-    if tracking is not None:
+    if start.scale is not None:
         edges = np.append(np.flatnonzero(restart | tare), len(values))
         for a, b in pairwise(edges):
             stamps = recording.stamp_ns[a:b]
-            if stamps[-1] - stamps[0] >= tracking.period_ns:
-                tracker = BaselineTracker(levels[a], tracking, float(variance[a]))
+            if stamps[-1] - stamps[0] >= PERIOD_NS:
+                tracker = BaselineTracker(levels[a], start.scale, float(variance[a]))
                 levels[a:b], variance[a:b] = tracker.follow(values[a:b], stamps)
     return Baselines(levels, variance, restart, tare)
 
 
 def training_baseline_variance(baseline: Array, variance: Array | None) -> float:
-    """Variance that the baselines of a fit leave in what it learns, over that of a frame.
+    """Variance that baselines (s, t, c) leave in what a fit learns, over that of a frame.
 
-    `baseline` (s, t, c) are those of the rows that were learned from, `variance` (s,) that of each
-    over that of a frame; None: 0.
+    `variance` (s,) is that of each row's baseline; None: 0.
 
     Examples
     --------
@@ -244,20 +197,16 @@ class Rest:
 
     Attributes
     ----------
-    baseline : ndarray, shape (t, c)
-        No-contact reference (unit of values); NaN: none yet.
-    noise : ndarray, shape (t, c)
-        Standard deviation of a channel; NaN: unknown.
+    baseline, noise : ndarray, shape (t, c)
+        No-contact reference, and standard deviation (unit of values); NaN: unknown.
     scale : ndarray, shape (t, c)
         Deviation beyond which something touches; NaN: unknown, inf: never, a dead taxel.
     tared : bool
         False: the estimators were fitted on readings without a baseline, and get such.
     drifts : bool
-        True: rests were too short to separate noise from drift between them, and `noise` is at
-        most this.
+        True: rests were too short to separate noise from drift; `noise` is at most this.
     temperature_c : ndarray, shape (t,), or None
-        Of the chips when the baseline was read (degrees Celsius), NaN: not measured; None: the
-        estimators do not use it.
+        Of the chips with the baseline, NaN: not measured; None: the estimators do not use it.
     """
 
     baseline: Array
@@ -269,11 +218,9 @@ class Rest:
 
     @classmethod
     def unknown(
-        cls,
-        shape: tuple[int, int],
-        stated_noise: float | Array | None,
+        cls, shape: tuple[int, int], stated_noise: float | Array | None,
         uses_temperature: bool = False,
-    ) -> Rest:
+    ) -> Rest:  # fmt: skip
         """Rest of a sensor that has not been recorded, with the noise its config states."""
         stated = np.nan if stated_noise is None else stated_noise
         noise = np.array(np.broadcast_to(np.asarray(stated, np.float64), shape))
@@ -295,10 +242,7 @@ class Rest:
         return level
 
     def with_temperature(self, values: Array, chips: Array | None) -> Array:
-        """Readings (s, t, c) as `level` has them, with chip temperatures (s, t) where used.
-
-        NaN: not measured, impossible, or of dead taxels, whose chips may stand still.
-        """
+        """Readings (s, t, c) as `level` has them, with chip temperatures (s, t) where used."""
         if self.temperature_c is None:
             return values
         measured = np.full(values.shape[:2], np.nan)
@@ -309,19 +253,13 @@ class Rest:
         return np.concatenate([values, measured[:, :, None]], axis=2)
 
     def split(self, levels: Array) -> tuple[Array, Array | None]:
-        """Baselines (s, t, c) and temperatures (s, t), or None, of levels as `level` has them."""
+        """Baselines (s, t, c), and temperatures (s, t) or None, of levels as `level` has them."""
         if self.temperature_c is None:
             return levels, None
         return levels[..., :-1], levels[..., -1]
 
     def tared_by(self, frames: Array) -> Rest:
-        """Rest with the mean of resting frames (s, t, ...), as `with_temperature` gives them.
-
-        Raises
-        ------
-        ValueError
-            If no taxel was read.
-        """
+        """Rest with the mean of resting frames (s, t, ...); ValueError where no taxel was read."""
         level, chips = self.split(tare_means(frames, np.zeros(len(frames), np.int64))[0])
         alive = np.ones(len(level), bool) if self.dead is None else ~self.dead
         if np.isnan(level[alive]).any(axis=1).all():
@@ -334,27 +272,14 @@ class Rest:
         return replace(self, baseline=np.where(alive[:, None], level, 0.0), temperature_c=chips)
 
     def learn(
-        self,
-        values: Array,
-        resting: Bools,
-        stamp_ns: Integers | None,
-        restarts: Bools,
-        ordered: bool = True,
-        chips: Array | None = None,
-    ) -> Rest:
-        """Rest with baseline and noise of readings (s, t, c); `threshold` sets that of contact.
+        self, values: Array, resting: Bools, stamp_ns: Integers | None, restarts: Bools,
+        ordered: bool = True, chips: Array | None = None,
+    ) -> Rest:  # fmt: skip
+        """Rest with baseline and noise of readings (s, t, c), NaN where unusable.
 
-        Parameters
-        ----------
-        values : ndarray, shape (s, t, c)
-            Readings, NaN where unusable (unit of values).
-        resting, restarts : ndarray, shape (s,)
-            Rows that give the baseline, none: readings are used without one; those at which a
-            stream begins.
-        stamp_ns, chips : ndarray, shape (s,) and (s, t), or None
-            Acquisition times; temperatures (degrees Celsius).
-        ordered : bool
-            False: independent frames, whose order says nothing; all they differ by is noise.
+        Rows `resting` (s,) give the baseline; without one, readings are used without it. Streams
+        begin at `restarts` (s,). `stamp_ns` (s,) and temperatures `chips` (s, t) (degrees Celsius)
+        may be None. All that independent frames (not `ordered`) differ by is noise.
         """
         if not resting.any():
             return replace(self, baseline=np.zeros(values.shape[1:]), tared=False)
@@ -379,9 +304,9 @@ class Rest:
     ) -> Rest:  # fmt: skip
         """Rest with the threshold of contact, from the noise and from labelled touches (s, t, c).
 
-        The lightest `touched` raise it; `firm` ones limit it where drift passes for noise: where
-        there is none, all touches do. Taxels that are `dead` (t,) never touch. Deviations of
-        `calm` frames, in which a skin still creeps back, raise it as far as firm touches allow.
+        The lightest `touched` raise it, `firm` ones (all, where there are none) limit it where
+        drift passes for noise; `calm` frames, in which a skin creeps back, raise it as far as firm
+        ones allow.
         """
         labelled = _whole(touched)
         felt = None if firm is None else _whole(firm)
@@ -394,11 +319,7 @@ class Rest:
         return replace(self, scale=scale)
 
     def contact(self, delta: Array, good: Bools, tare: Bools | None) -> npt.NDArray[np.int8]:
-        """Contact (s,): 1 where a channel left the threshold, 0 where none did, -1 unknown.
-
-        Of deviations (s, t, c) from the baseline, in rows that are `good`; rows labelled as `tare`
-        are at rest.
-        """
+        """Contact (s,) of deviations (s, t, c): 1, 0, or -1 in rows not `good`; tare rows: 0."""
         if not self.tared:
             return np.full(len(delta), -1, np.int8)
         size = excursion(delta, self.scale)
@@ -407,11 +328,6 @@ class Rest:
             contact[tare] = 0
         contact[~(good & (size >= 0))] = -1  # NaN too
         return contact
-
-
-def plausible_temperature(chips: Array) -> Array:
-    """Temperatures (degrees Celsius), NaN where no chip can have them."""
-    return np.where((chips >= COLDEST) & (chips <= HOTTEST), chips, np.nan)
 
 
 def _whole(touched: Array) -> Array | None:
@@ -423,7 +339,7 @@ def _whole(touched: Array) -> Array | None:
 def _ordered_noise(
     values: Array, resting: Bools, stamp_ns: Integers | None, restarts: Bools
 ) -> tuple[Array, bool]:
-    """Noise (t, c) of rows in time order; true if rests are too short to tell it from drift."""
+    """Noise (t, c) of rows in time order; True where rests are too short to tell it from drift."""
     rows = np.flatnonzero(resting)
     ends = (np.diff(rows) > 1) | restarts[rows[1:]]
     if stamp_ns is not None:
@@ -474,3 +390,74 @@ class Stream:
             restart[0], self._fresh = self._fresh, False
             self._newest_ns = int(stamp_ns[-1])
         return Baselines(levels, variance, restart)
+
+
+def rest_noise(rest: Array, groups: Integers) -> Array:
+    """Noise (t, c) of resting frames in time order, drift left out; at least a quantum's.
+
+    Frames are compared with their successor in the same group (s,).
+    """
+    if len(rest) < 2:
+        return np.full(rest.shape[1:], np.nan)
+    step = np.diff(rest, axis=0)
+    same = groups[1:] == groups[:-1]
+    size = np.abs(step[same] if same.any() else step)
+    return np.asarray(np.maximum(MAD_TO_SIGMA * _median(size) / np.sqrt(2), _quantum(size)))
+
+
+def spread_noise(rest: Array) -> Array:
+    """Noise (t, c) of resting frames in any order, drift counted in; at least a quantum's."""
+    if len(rest) < 2:
+        return np.full(rest.shape[1:], np.nan)
+    sigma = MAD_TO_SIGMA * _median(np.abs(rest - _median(rest)))
+    return np.asarray(np.maximum(sigma, _quantum(np.diff(np.sort(rest, axis=0), axis=0))))
+
+
+def motion_noise(values: Array, stamp_ns: Integers, restart: Bools) -> Array:
+    """Noise (t, c) of frames in time order, from second differences of those near in time.
+
+    Motion makes it too large, never much too small. `restart` (s,): a stream or baseline begins.
+    """
+    apart = np.diff(stamp_ns) > MOST_APART_NS
+    joined = ~(restart[2:] | restart[1:-1] | apart[1:] | apart[:-1])
+    if not joined.any():
+        return np.full(values.shape[1:], np.nan)
+    bend = (values[2:] - 2 * values[1:-1] + values[:-2])[joined]
+    return np.asarray(MAD_TO_SIGMA * _median(np.abs(bend)) / np.sqrt(6))
+
+
+def held_noise(values: Array, groups: Integers) -> Array:
+    """Noise (t, c) of frames inside groups (s,), one of each touch, whatever their order.
+
+    Notes
+    -----
+    The median of chi-squared of k degrees of freedom is near k (1 - 2 / (9 k))^3 (Wilson and
+    Hilferty, 1931).
+    """
+    read = np.isfinite(values).all(axis=(1, 2))
+    rows = values[read]
+    _, group, count = np.unique(groups[read], return_inverse=True, return_counts=True)
+    group = np.asarray(group).reshape(-1)
+    mean, square = np.zeros((2, len(count), *values.shape[1:]))
+    np.add.at(mean, group, rows / count[group, None, None])
+    np.add.at(square, group, (rows - mean[group]) ** 2)
+    free = (count[count > 1] - 1)[:, None, None]
+    if not len(free):
+        return np.full(values.shape[1:], np.nan)
+    middle = free * (1 - 2 / (9 * free)) ** 3
+    return np.asarray(np.sqrt(np.median(square[count > 1] / middle, axis=0)))
+
+
+def _quantum(size: Array) -> Array:
+    """Noise of a quantum: the smallest step (s, t, c) of every channel that is not 0, or 0."""
+    quantum = np.where(size > 0, size, np.inf).min(axis=0)
+    return np.asarray(np.where(np.isfinite(quantum), quantum, 0.0) / np.sqrt(12))
+
+
+def _median(size: Array) -> Array:
+    """Median over s of every channel (s, t, c), ignoring NaN; NaN where nothing was read."""
+    read = ~np.isnan(size).all(axis=0)
+    middle = np.full(size.shape[1:], np.nan)
+    if read.any():
+        middle[read] = np.nanmedian(size[:, read], axis=0)
+    return middle

@@ -18,19 +18,9 @@ SHARE = 0.4
 def contact_scale(noise: Array, touched: Array | None, felt: Array | None = None) -> Array:
     """Deviation (t, c) of a channel beyond which something touches; NaN: unknown.
 
-    Parameters
-    ----------
-    noise : ndarray, shape (t, c)
-        Standard deviation at rest (unit of values); NaN: unknown.
-    touched : ndarray, shape (s, t, c), or None
-        Deviations of frames that are labelled as touched, whole ones.
-    felt : ndarray, shape (s, t, c), or None
-        Deviations of touches that must be felt though the noise is but a bound, with drift in it.
-
-    Notes
-    -----
-    Five sigma, lowered until at most one in twenty of the touches that must be felt is missed,
-    raised to 0.4 of the lightest labelled touches.
+    Five sigma of `noise` (t, c), lowered until at most one in twenty of the touches that must be
+    `felt` is missed (where the noise has drift in it), raised to 0.4 of the lightest `touched`
+    (both (s, t, c), whole frames).
 
     Examples
     --------
@@ -48,9 +38,9 @@ def contact_scale(noise: Array, touched: Array | None, felt: Array | None = None
 
 
 def calm_factor(calm: Array | None, firm: Array, scale: Array) -> float:
-    """Factor of the threshold (t, c) that leaves calm frames (s, t, c) below it, 1 at least.
+    """Factor of the threshold (t, c), 1 at least, that leaves calm frames (s, t, c) below it.
 
-    Of calm frames at most one in a hundred stays above, of firm ones one in a hundred falls below.
+    Of calm frames one in a hundred may stay above, of firm ones one in a hundred fall below.
     """
     if calm is None or not len(calm) or np.isnan(scale).all():
         return 1.0
@@ -60,10 +50,7 @@ def calm_factor(calm: Array | None, firm: Array, scale: Array) -> float:
 
 
 def excursion(delta: Array, scale: Array) -> Array:
-    """Largest deviation (s,) of frames (s, t, c) in units of the contact threshold (t, c).
-
-    Above 1 in contact; NaN where a deviation or the threshold is unknown.
-    """
+    """Largest deviation (s,) of frames (s, t, c) over the threshold (t, c); NaN: unknown."""
     size = delta / scale
     np.abs(size, out=size)
     return np.asarray(np.maximum.reduce(size.reshape(len(size), scale.size), axis=1))
@@ -85,16 +72,9 @@ class ContactIds:
     ) -> Integers:
         """Id (s,) of the patch in each frame; -1: none, or unknown with none before.
 
-        Parameters
-        ----------
-        contact : ndarray, shape (s,)
-            1, 0, -1 unknown, in time order.
-        restart : ndarray, shape (s,)
-            Rows before which a stream or a baseline begins.
-        in_time : bool
-            False: independent frames, every patch is number 0.
-        begins : ndarray, shape (s,), or None
-            Rows among those at which a stream begins, and its numbers with 0; None: nowhere.
+        `contact` (s,) is 1, 0, -1 unknown; independent frames are not `in_time`, each patch is
+        number 0. `restart`, `begins` (s,): rows at which a stream or a baseline begins; at which
+        ids begin with 0.
         """
         if not in_time:
             return np.where(contact == 0, -1, 0)
@@ -113,15 +93,9 @@ class PatchIds:
     """Ids of the patches of one stream, which live as long as their patch.
 
     A patch is the one of the last frame with which it shares most taxels, each of them once; of
-    what is left, the nearest within reach. When a patch splits, the part that shares most keeps
-    the id and the others are new; when patches merge, the whole keeps the id of the one it shares
-    most with and the others end. An id that ended never comes back in its stream. Frames of
-    unknown contact change nothing; a frame without contact ends all.
-
-    Parameters
-    ----------
-    reach : float
-        Largest distance that a patch may move between frames without sharing a taxel (m).
+    what is left, the nearest within `reach` (m). A split leaves the id to the part that shares
+    most, a merger keeps that of the one it shares most with. An id that ended never comes back.
+    Frames of unknown contact change nothing; a frame without contact ends all.
     """
 
     def __init__(self, reach: float) -> None:
@@ -145,19 +119,9 @@ class PatchIds:
     ) -> Integers:
         """Ids (s, k) of the patches of frames in time order; -1: no patch.
 
-        Parameters
-        ----------
-        label : ndarray of int, shape (s, t)
-            Patch of each taxel, strongest 0; -1: none.
-        count : ndarray of int, shape (s,)
-            Patches of each frame.
-        centre : ndarray, shape (s, k, 3)
-            Of the patches (m).
-        usable : ndarray, shape (s,)
-            False: frames of unknown contact.
-        restart, begins : ndarray, shape (s,)
-            Rows before which a stream or a baseline begins; those where numbers begin with 0,
-            None: nowhere.
+        `label` (s, t) is the patch of each taxel, strongest 0, -1 none; `count` (s,) and `centre`
+        (s, k, 3) (m) are those of each frame; frames not `usable` (s,) tell no contact. `restart`
+        and `begins` as in `ContactIds.number`.
         """
         ids = np.full(centre.shape[:2], -1, np.int64)
         for i in range(len(label)):

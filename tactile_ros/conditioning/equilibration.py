@@ -1,10 +1,9 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Equilibration: the force of every taxel by a law of its own, zero force at zero output.
 
-[4] fits a polynomial of second order to each taxel. With a free constant it reports 0.1..0.2 N at
-rest and may fall inside the converter's range; here the constant is 0. A power law bends like a
-skin whose resistance falls with a power of the load in a divider; a monotone curve (PCHIP), which
-all taxels of a skin have in common, multiplies it by what it lacks.
+[4] fits a polynomial of second order to each taxel; here its constant is 0, or it would report
+0.1..0.2 N at rest. A power law bends like a skin whose resistance falls with a power of the load
+in a divider; a monotone curve (PCHIP), common to all taxels, multiplies it by what it lacks.
 """
 
 from __future__ import annotations
@@ -32,12 +31,7 @@ MARGINS = {'polynomial': 1.0, 'power': 0.98, 'pchip': 0.96}  # what freedom must
 
 
 class Equilibration:
-    """Laws of all taxels, of one kind, chosen on held-out groups.
-
-    Parameters
-    ----------
-    law : str or None
-        One of `LAWS`; None: the best on held-out groups.
+    """Laws of all taxels, of one kind: `law`, or None for the best of `LAWS` on held-out groups.
 
     Attributes
     ----------
@@ -49,11 +43,11 @@ class Equilibration:
     curve_ : ndarray, shape (TABLE,), or None
         Factors of the law at outputs from 0 to `top_`, of a monotone curve.
     top_ : ndarray, shape (t,)
-        Largest output that was learned from (unit of output).
+        Largest output that was learned from.
     errors_ : dict of str to float
         Held-out error of each law, in parts of the force.
     held_out_ : ndarray, shape (s, t)
-        Errors (N) of the law in use on rows that it had not seen; NaN where nothing was held out.
+        Errors (N) of the law in use on rows that it had not seen; NaN: not held out.
 
     Examples
     --------
@@ -73,14 +67,9 @@ class Equilibration:
         self.held_out_: Array = np.zeros((0, 0))
 
     def fit(self, output: Array, force: Array, groups: Integers) -> Equilibration:
-        """Learn every taxel with enough rows.
+        """Learn from outputs above the baseline and loads (s, t) (N), NaN where unknown.
 
-        Parameters
-        ----------
-        output, force : ndarray, shape (s, t)
-            Outputs above the baseline, and loads (N); NaN where unknown.
-        groups : ndarray of int, shape (s,)
-            Rows that a split keeps together.
+        Rows of one of `groups` (s,) stay together in a split.
         """
         known = np.isfinite(force) & np.isfinite(output)
         u, load = np.where(known, output, 0.0), np.where(known, force, 0.0)
@@ -137,8 +126,7 @@ class Equilibration:
         """Forces (s, t) (N) of outputs (s, t) above the baseline; NaN without a law.
 
         Halfway from the largest output that was learned from to the one at which a law knows no
-        end it goes on in a straight line, so that no reading turns into an endless force or a
-        negative one.
+        end it goes on in a straight line: no reading turns into an endless or a negative force.
         """
         reach = self._reach
         if not np.count_nonzero(np.abs(output) > reach):
@@ -249,23 +237,11 @@ def _rising(curve: Array) -> Array:
 
 
 def silent_taxels(output: Array, force: Array | None, noise: Array) -> Bools:
-    """Taxels that answer nothing: dead, or stuck at whatever they say.
+    """Taxels (t,) that answer nothing to outputs (s, t) above the baseline: dead, or stuck.
 
-    Parameters
-    ----------
-    output : ndarray, shape (s, t)
-        Outputs above the baseline, NaN where unknown.
-    force : ndarray, shape (s, t), or None
-        Loads where they are known (N).
-    noise : ndarray, shape (t,)
-        Of a taxel at rest (unit of output); NaN: unknown.
-
-    Returns
-    -------
-    ndarray, shape (t,)
-        With known loads: loaded by a quarter of what the others bear at most, but moved by less
-        than a twentieth of what they move; all, where none moved. Without: never moved, though
-        three of four others were.
+    With known loads `force` (N): loaded by a quarter of what the others bear at most, but moved by
+    less than a twentieth of what they move; all, where none moved. Without: never moved, though
+    three of four others were. `noise` (t,) is that of a taxel at rest; NaN: unknown.
     """
     from warnings import catch_warnings, simplefilter
 

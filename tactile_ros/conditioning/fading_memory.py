@@ -2,10 +2,8 @@
 """Memory of a viscoelastic skin: exponentially fading means of the past change of field.
 
 Stress in a linear viscoelastic body depends on its past strain through decaying exponentials (a
-Prony series), so the means of the change of field over several time constants, besides the change
-itself, are what a regressor needs to distinguish loading from unloading and a fresh press from a
-held one. Between frames the change is taken as linear in time, which makes the means depend on the
-signal and not on the rate, the jitter or the gaps with which it was sampled.
+Prony series): means over several time constants tell loading from unloading and a fresh press from
+a held one. Between frames the change is taken as linear, so that rate and gaps do not matter.
 """
 
 from __future__ import annotations
@@ -62,9 +60,7 @@ def fade_rows(
 
 
 class FadingMemory:
-    """Fading means of one stream, one frame at a time or many at once with the same numbers.
-
-    The `time_constants` (m,) are in seconds; ValueError if one is not positive.
+    """Fading means of one stream over `time_constants` (m,) (s), frame by frame or many at once.
 
     Notes
     -----
@@ -89,17 +85,10 @@ class FadingMemory:
         self._mean = np.zeros((len(self.time_constants), 0))
 
     def __call__(self, change: Array, stamp_ns: Integers, restart: Bools) -> Array:
-        """Take frames into the memory: means (s, m, d) after each (unit of change).
+        """Means (s, m, d) after each change (s, d) since the tare; NaN: the last one is held.
 
-        Parameters
-        ----------
-        change : ndarray, shape (s, d)
-            Change since the tare in time order; NaN: not measured, the last change is held.
-        stamp_ns : ndarray, shape (s,)
-            Acquisition times, irregular and with gaps; a frame that is not newer than the last
-            one leaves the means as they are.
-        restart : ndarray, shape (s,)
-            Frames before which the past is forgotten: a new stream, or a tare.
+        A frame whose stamp (s,) is not newer than the last leaves the means as they are; before
+        those of `restart` (s,), a new stream or a tare, the past is forgotten.
         """
         count, width = change.shape
         if len(self._last) != width:

@@ -24,9 +24,8 @@ UNUSABLE = np.uint8(
 def taxel_faults(values: Array, status: Bytes | None, layout: Layout) -> Bytes:
     """Status bits (s, t) of the sensor, with what the raw readings (s, t, c) themselves show.
 
-    ERROR is added where a reading is not finite, SATURATED where one reached the limit of the
-    layout, DEAD where a chip of several axes reads a field of exactly 0: noise keeps a chip that
-    lives from that.
+    ERROR where a reading is not finite, SATURATED where one reached the layout's limit, DEAD where
+    a chip of several axes reads a field of exactly 0, from which noise keeps one that lives.
     """
     size = np.abs(values)
     limit = np.inf if layout.saturation is None else layout.saturation
@@ -70,8 +69,8 @@ def set_aside(values: Array, bits: Bytes, dead: Bools | None) -> tuple[Array, By
 def frame_faults(bits: Bytes) -> Integers:
     """Bits of `FrameStatus` (s,) that follow from the bits of taxels (s, t).
 
-    One STALE taxel makes the frame STALE, which is estimated but not valid: a taxel that gets
-    stuck is STALE before it can be known as STUCK.
+    One STALE taxel makes the frame STALE: one that gets stuck is STALE before it is known as
+    STUCK.
     """
     spoilt = (bits & UNUSABLE).any(axis=1) * np.int64(FrameStatus.BAD_TAXELS)
     clipped = (bits & TaxelStatus.SATURATED).any(axis=1) * np.int64(FrameStatus.SATURATED)

@@ -1,9 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Direction of loading: turning points of a load, told apart from noise by a dead band.
-
-Neighbouring rows say how fast a load moves, and at what rate it was read. That it turned is known
-only after it has moved back from its extreme, by more than its noise makes of a load that is held.
-"""
+"""Direction of loading: turning points of a load, told apart from noise by a dead band."""
 
 from __future__ import annotations
 
@@ -22,10 +18,9 @@ EXTREMES = 10.0  # sigmas between the extremes of a million rows of noise
 
 
 def dead_band(load: Array) -> Array:
-    """Distances (c,) that noise of held loads (s, c) does not go, in the order of their rows.
+    """Distances (c,) that noise of held loads (s, c) does not go.
 
-    Noise is the least of what differences of several orders tell of rows that are loaded, since
-    motion makes it too large, never too small.
+    Noise is the least of what differences of several orders tell: motion makes it too large only.
     """
     size = np.abs(np.nan_to_num(load))
     top = float(size.max(initial=0.0))
@@ -43,8 +38,6 @@ def dead_band(load: Array) -> Array:
 def loading_signs(load: Array, restart: Bools, band: Array | None = None) -> Array:
     """Signs (s, c) after each row: 1 loads grew when they last moved, -1 they fell, 0 unknown.
 
-    Time and rate do not matter: gaps, pauses and other rates leave the signs as they are.
-
     Parameters
     ----------
     load : ndarray, shape (s, c)
@@ -52,8 +45,7 @@ def loading_signs(load: Array, restart: Bools, band: Array | None = None) -> Arr
     restart : ndarray, shape (s,)
         Rows before which the past is forgotten.
     band : ndarray, shape (c,), or None
-        Dead band: a load turned when it is farther from its last extreme (unit of the load);
-        None: that of the loads.
+        Distance from the last extreme that is a turn (unit of the load); None: that of the loads.
 
     Examples
     --------

@@ -1,9 +1,9 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Creep of a piezoresistive skin, and its inverse: the force behind a crept reading.
 
-A load that is held makes the output creep up through a few Voigt elements (spring beside dashpot).
-The inverse runs the same elements on the force that it has just computed, so it needs no
-derivative, its gain on noise is at most 1 at any rate, and a gap of any length is one exponential.
+A held load makes the output creep up through a few Voigt elements (spring beside dashpot). The
+inverse runs them on the force that it has just computed: it needs no derivative, its gain on noise
+is at most 1 at any rate, and a gap of any length is one exponential.
 """
 
 from __future__ import annotations
@@ -85,16 +85,8 @@ def undo_rows(
 class Creep:
     """State-space inverse: v = F + sum_i c_i x_i with tau_i dx_i/dt = F - x_i.
 
-    v is a crept load, or a crept output and F the one that has not crept.
-
-    Parameters
-    ----------
-    tau : ndarray, shape (b,)
-        Time constants of the branches (s).
-    share : ndarray, shape (b, t)
-        Share of each branch in the settled output, at least 0.
-    behind : bool
-        Whether outputs creep, behind the law of the taxel, and not loads before it.
+    v is a crept load, or (`behind` the law of the taxel) a crept output and F the one that has not
+    crept; `tau` (b,) (s) and `share` (b, t) are time constants and shares of the settled output.
 
     Examples
     --------
@@ -115,23 +107,10 @@ class Creep:
         return CreepState(np.zeros(self.share.shape), np.zeros(self.share.shape[1]))
 
     def undo(self, v: Array, stamp_ns: Integers, restart: Bools, state: CreepState) -> Array:
-        """Forces behind crept ones, frame by frame.
+        """Forces (s, t) (N) behind crept ones (s, t); NaN: not measured, the last is held inside.
 
-        Parameters
-        ----------
-        v : ndarray, shape (s, t)
-            Forces as a law without memory reads them (N); NaN: not measured.
-        stamp_ns : ndarray, shape (s,)
-            Acquisition times; a frame that is not newer is answered from the state as it is.
-        restart : ndarray, shape (s,)
-            Frames before which the past is forgotten.
-        state : CreepState
-            Moves on.
-
-        Returns
-        -------
-        ndarray, shape (s, t)
-            Forces (N); NaN where nothing was measured: there the last one is held inside.
+        A frame whose stamp (s,) is not newer is answered from the `state` as it is, which moves on
+        else; before those of `restart` (s,) the past is forgotten.
         """
         forces = np.empty(v.shape)
         begun, newest = undo_rows(
@@ -169,16 +148,11 @@ class History(NamedTuple):
 
 
 def fit_creep(history: History) -> tuple[Creep, Array] | None:
-    """Branches of creep from steps of any length.
+    """Branches of creep and constants of the outputs (t,); None: creep explains too little.
 
     The law of a taxel is a spline over its load; creep adds to the load before the law, or to the
     output behind it, whichever leaves less. A constant takes what a baseline of rests without a
     tare holds that were still creeping back.
-
-    Returns
-    -------
-    creep, constant : Creep and ndarray of shape (t,), or None
-        Constant of the outputs. None: creep explains too little.
     """
     load = history.load
     whole = np.isfinite(load).all(axis=1) & np.isfinite(history.output).all(axis=1)

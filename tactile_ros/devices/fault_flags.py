@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.types import Array, Bools, Bytes, TaxelStatus
+from tactile_ros.types import Array, Bools, Bytes, TaxelStatus, plausible_temperature
 
 LEAST_VOTES = 100  # readings
-COLDEST, HOTTEST = -60.0, 200.0  # degrees Celsius
 
 
 def measured_temperature(chips: Array) -> Array:
@@ -19,9 +18,8 @@ def measured_temperature(chips: Array) -> Array:
 
     Exactly 0 on all chips of a frame is what boards send that measure none.
     """
-    possible = (chips >= COLDEST) & (chips <= HOTTEST)
-    possible &= (chips != 0).any(axis=-1, keepdims=True)
-    return chips if possible.all() else np.where(possible, chips, np.nan)
+    measured = (chips != 0).any(axis=-1, keepdims=True)
+    return plausible_temperature(np.where(measured, chips, np.nan))
 
 
 class StuckDetector:

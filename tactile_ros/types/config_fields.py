@@ -1,9 +1,8 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Fields of configs and connections: written once with unit and range, checked once at the door.
 
-Each function makes one dataclass field whose metadata says help, unit, range, shape and choices;
-`admit`, called from `__post_init__`, holds every value to it. The same metadata describe the ROS
-parameters of a node.
+Each function makes one dataclass field whose metadata say help, unit, range, shape and choices;
+`admit` holds every value to it, and nodes declare their ROS parameters by it.
 """
 
 from __future__ import annotations
@@ -50,13 +49,9 @@ def text_of(default: str, text: str, choices: tuple[str, ...] = ()) -> str:
 
 
 def array(
-    default: npt.ArrayLike,
-    text: str,
-    unit: str,
-    shape: tuple[Length, ...],
-    low: float = -np.inf,
-    high: float = np.inf,
-) -> Array:
+    default: npt.ArrayLike, text: str, unit: str, shape: tuple[Length, ...],
+    low: float = -np.inf, high: float = np.inf,
+) -> Array:  # fmt: skip
     """Field of numbers in a shape, all finite and between two bounds."""
     given = np.array(default, np.float64)
     about = {'help': text, 'unit': unit, 'shape': shape, 'range': (low, high)}
@@ -102,20 +97,15 @@ def maybe_outlines(text: str) -> Outlines | None:
     return field(default=None, metadata={'help': text, 'unit': 'm'})
 
 
+def _refusal(name: str, wanted: str, received: object) -> ValueError:
+    return ValueError(f'{name} must be {wanted}; received {received}'[:300])
+
+
 def admit(thing: object, channels: int = 0) -> None:
-    """Hold every field of a frozen dataclass to its metadata, and its arrays to their shapes.
+    """Hold every field of a frozen dataclass, built just now, to its metadata and shapes.
 
-    Parameters
-    ----------
-    thing : dataclass
-        Built just now; its values are replaced by arrays, tuples and numbers of the right type.
-    channels : int
-        Channels of a taxel (c), for fields of one number each.
-
-    Raises
-    ------
-    ValueError
-        With the sentence for the first value that cannot be.
+    `channels` of a taxel (c) is for fields of one number each. ValueError names the first value
+    that cannot be.
     """
     owner = type(thing).__name__
     taxels = -1
@@ -154,8 +144,7 @@ def _number(name: str, value: object, integer: bool, bounds: tuple[float, float]
         fits = float(cast('float', value)).is_integer()
     if not (fits and low <= cast('float', value) <= high):
         kind = 'a whole number' if integer else 'a number'
-        msg = f'{name} must be {kind} from {low} to {high}; received {value}'
-        raise ValueError(msg)
+        raise _refusal(name, f'{kind} from {low} to {high}', value)
     return int(cast('float', value)) if integer else float(cast('float', value))
 
 
@@ -163,12 +152,10 @@ def _plain(name: str, value: object, kind: type, about: Mapping[str, object]) ->
     """A text, perhaps one of several, or true or false."""
     choices = cast('tuple[str, ...]', about.get('choices', ()))
     if choices and not (isinstance(value, str) and value in choices):
-        msg = f'{name} must be one of {", ".join(choices)}; received {value!r}'
-        raise ValueError(msg)
+        raise _refusal(name, f'one of {", ".join(choices)}', repr(value))
     if isinstance(value, (kind, np.bool_ if kind is bool else kind)):
         return kind(value)
-    msg = f'{name} must be {"true or false" if kind is bool else "a text"}; received {value!r}'
-    raise ValueError(msg)
+    raise _refusal(name, 'true or false' if kind is bool else 'a text', repr(value))
 
 
 def _per_channel(name: str, value: object, channels: int, bounds: tuple[float, float]) -> object:
@@ -182,11 +169,7 @@ def _per_channel(name: str, value: object, channels: int, bounds: tuple[float, f
     numbers = numbers.reshape(()) if numbers.shape == (1,) else numbers
     fits = numbers.shape in ((), (channels,))
     if not fits or not ((numbers >= low) & (numbers <= high)).all():
-        msg = (
-            f'{name} must be a number from {low} to {high}, or one for each channel; '
-            f'received {value}'
-        )
-        raise ValueError(msg)
+        raise _refusal(name, f'a number from {low} to {high}, or one for each channel', value)
     return numbers if numbers.ndim else float(numbers)
 
 
@@ -200,39 +183,28 @@ def _in_shape(name: str, value: object, about: Mapping[str, object], taxels: int
     rows = ', one row or more' if wanted[0] == -1 else ''
     if not inside.all() or (rows and not len(numbers)):
         where = '' if (low, high) == ANY else f' and from {low} to {high}'
-        msg = f'{name} must be finite{where}{rows}; received {numbers.tolist()}'
-        raise ValueError(msg[:300])
+        raise _refusal(name, f'finite{where}{rows}', numbers.tolist())
     if 'whole' in about:
         if (numbers != np.round(numbers)).any():
-            msg = f'{name} must be whole numbers; received {numbers.tolist()}'
-            raise ValueError(msg)
+            raise _refusal(name, 'whole numbers', numbers.tolist())
         return tuple(int(x) for x in numbers)
     if shape[1:] == (3, 3):
-        _refuse_no_turns(name, numbers)
+        off = np.abs(np.einsum('nij,nkj->nik', numbers, numbers) - np.eye(3))
+        if not (off < TURN_ERROR).all() or not (np.linalg.det(numbers) > 0).all():
+            raise _refusal(name, 'rotation matrices', numbers.tolist())
     return numbers
-
-
-def _refuse_no_turns(name: str, turns: Array) -> None:
-    """Refuse matrices (n, 3, 3) that are no rotations."""
-    square = np.einsum('nij,nkj->nik', turns, turns)
-    good = (np.abs(square - np.eye(3)) < TURN_ERROR).all() and (np.linalg.det(turns) > 0).all()
-    if not good:
-        msg = f'{name} must be rotation matrices; received {turns.tolist()}'
-        raise ValueError(msg[:300])
 
 
 def _all_texts(name: str, value: object, default: object) -> tuple[str, ...]:
     """Texts as a tuple; one alone is a tuple of one."""
     items = (value,) if isinstance(value, str) else tuple(cast('Iterable[object]', value))
     if not all(isinstance(item, str) for item in items) or (default and not items):
-        msg = f'{name} must be one text or more; received {str(value)[:80]}'
-        raise ValueError(msg)
+        raise _refusal(name, 'one text or more', str(value)[:80])
     return cast('tuple[str, ...]', items)
 
 
 def _all_outlines(name: str, value: object) -> Outlines:
     items = tuple(cast('Iterable[Outline]', value)) if isinstance(value, (tuple, list)) else None
     if items is None or not all(isinstance(item, Outline) for item in items):
-        msg = f'{name} must be a tuple of Outline; received {" ".join(str(value).split())[:80]}'
-        raise ValueError(msg)
+        raise _refusal(name, 'a tuple of Outline', ' '.join(str(value).split())[:80])
     return items

@@ -23,14 +23,8 @@ BLANKS = {'f': np.nan, 'i': -1, 'b': False, 'u': 0}
 class Contact:
     """One contact patch; position and force at the patch, in the sensor frame.
 
-    Attributes
-    ----------
-    id : int
-        Kept while the patch lives.
-    position, normal, force : ndarray, shape (3,)
-        Position (m), unit normal, and what the skin exerts on the object (N).
-    position_cov, force_cov : ndarray, shape (3, 3)
-        Covariances (m2, N2).
+    `id` is kept while the patch lives; position (m), unit normal, what the skin exerts on the
+    object (N), and covariances (m2, N2).
     """
 
     id: int

@@ -28,29 +28,22 @@ class Signals:
 
     Attributes
     ----------
-    values, delta : ndarray, shape (s, t, c)
-        Readings, and readings less their baseline (unit of values); NaN where unusable.
-    baseline : ndarray, shape (s, t, c)
-        Of each row (unit of values); 0 where none is used, NaN where there is none yet.
-    temperature_c : ndarray, shape (s, t), or None
-        What the chips report.
+    values, delta, baseline : ndarray, shape (s, t, c)
+        Readings, readings less their baseline, and that (unit of values); NaN where unusable. The
+        baseline is 0 where none is used, NaN where there is none yet.
+    temperature_c, rest_temperature_c : ndarray, shape (s, t), or None
+        Of the chips: of each row, and of its baseline (NaN: unknown); None: not used.
     stamp_ns : ndarray, shape (s,), or None
         None: independent frames, no step with memory is run.
-    restart : ndarray, shape (s,)
-        Rows before which memory is forgotten (new stream, new baseline).
-    in_contact : ndarray, shape (s,)
-        1, 0, -1 unknown.
-    good : ndarray, shape (s,)
-        Rows that may be estimated from.
-    begins : ndarray, shape (s,), or None
-        Rows of `restart` at which a stream begins, and the ids of its patches; None: none does.
+    restart, begins : ndarray, shape (s,)
+        Rows before which memory is forgotten (new stream or baseline); those at which a stream
+        begins, and the ids of its patches, None: none.
+    in_contact, good : ndarray, shape (s,)
+        1, 0, -1 unknown; rows that may be estimated from.
     tare : ndarray, shape (s,), or None
         Rows that a recording calls resting; None: it does not tell.
     baseline_variance : ndarray, shape (s,), or None
-        Variance of the baseline over that of a frame at rest: one over the frames of its tare; 0
-        where the fit's own is used. None: 0.
-    rest_temperature_c : ndarray, shape (s, t), or None
-        Chip temperatures of the baseline, NaN: unknown; None: the estimation uses none.
+        Over that of a frame at rest: one over the frames of its tare; 0 or None: of the fit's own.
     """
 
     values: Array
@@ -78,14 +71,8 @@ class Signals:
 class Estimation:
     """Features and estimators of one sensor; a sensor overrides the hooks that it needs.
 
-    Attributes
-    ----------
-    uses_temperature : bool
-        Baselines hold the temperatures of their chips, and `thermal_drift` is asked.
-    learns_classes : bool
-        `enrol` and `forget` work.
-    has_surface : bool
-        `surface` works.
+    `uses_temperature`: baselines hold the temperatures of their chips, and `thermal_drift` is
+    asked. `learns_classes`: `enrol` and `forget` work. `has_surface`: `surface` works.
     """
 
     uses_temperature: ClassVar[bool] = False
@@ -153,16 +140,15 @@ class Estimation:
 
 @dataclass(frozen=True)
 class GripCommand:
-    """Targets for every joint of a hand, in the order of the hand's own topic.
+    """Targets (j,) for every joint of a hand, in the order of the hand's own topic.
 
     Attributes
     ----------
     stamp_ns : int
         Stamp of the newest force that it answers (ns); when it was decided, where there is none.
-    position : ndarray, shape (j,)
-        Joint positions (rad; 0 open to 1 closed for a synergy). They hold where nothing follows.
-    effort : ndarray, shape (j,)
-        Torque that each joint may take at most (N m); NaN: the hand's own limit.
+    position, effort : ndarray, shape (j,)
+        Positions (rad; 0 open to 1 closed for a synergy), which hold where nothing follows; torque
+        that each may take at most (N m), NaN: the hand's own limit.
     """
 
     stamp_ns: int
@@ -172,16 +158,10 @@ class GripCommand:
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Limits of the joints of a hand.
+    """Limits (j,) of the joints of a hand.
 
-    Attributes
-    ----------
-    lower, upper : ndarray, shape (j,)
-        Positions (rad, or 1 for a synergy).
-    velocity : ndarray, shape (j,)
-        Fastest motion (position per s).
-    effort : ndarray, shape (j,)
-        Largest torque (N m); inf: not known.
+    Positions (rad, or 1 for a synergy), fastest motion (position per s) and largest torque (N m;
+    inf: not known).
     """
 
     lower: Array
@@ -195,12 +175,10 @@ class JointLimits:
             column = as_shape(f'{entry.name} of JointLimits', getattr(self, entry.name), (count,))
             object.__setattr__(self, entry.name, column)
         low, high, speed, effort = self.lower, self.upper, self.velocity, self.effort
+        crossed = [f'{low[i]} and {high[i]} for joint {i}' for i in np.flatnonzero(~(low < high))]
         for good, name, wanted, found in (
             (np.isfinite(low) & np.isfinite(high), 'lower and upper', 'finite', f'{low}, {high}'),
-            (low < high, 'lower', 'below upper', ', '.join(
-                f'{a} and {b} for joint {i}'
-                for i, (a, b) in enumerate(zip(low, high, strict=True)) if not a < b
-            )),
+            (low < high, 'lower', 'below upper', ', '.join(crossed)),
             (np.isfinite(speed) & (speed > 0), 'velocity', 'above 0 and finite', f'{speed}'),
             (effort > 0, 'effort', 'above 0', f'{effort}'),
         ):  # fmt: skip
@@ -319,13 +297,12 @@ class Estimator(Protocol):
     def fit(self, x: Array, y: Array, groups: Integers | None = None) -> Estimator:
         """Learn targets y (s, k) of features x (s, d) and return itself.
 
-        Rows that are not finite are left out; their order does not matter. A split keeps equal
-        `groups` (s,) together; None: every row stands alone. Raises ValueError if shapes differ
-        or no finite row is left.
+        Rows that are not finite are left out; order does not matter. Splits keep equal `groups`
+        (s,) together. ValueError if shapes differ or no finite row is left.
         """
 
     def predict(self, x: Array) -> Array:
-        """Targets (s, k) of features (s, d), in the unit of the fit; NaN in rows not finite.
+        """Targets (s, k) of features (s, d); NaN in rows that are not finite.
 
-        Raises NotCalibratedError before a fit, ValueError if the number of features differs.
+        NotCalibratedError before a fit, ValueError if the number of features differs.
         """

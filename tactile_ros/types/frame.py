@@ -22,7 +22,7 @@ Columns = dict[str, npt.NDArray[np.generic]]  # attributes or truth by name, sha
 def as_shape(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> Array:
     """Return numbers as C-contiguous float64 of `shape`, where -1 stands for any length.
 
-    Raises ValueError, which names `name`, if the shape differs or a value is no number.
+    A ValueError that begins with `name` refuses another shape and what is no number.
     """
     try:
         array = np.ascontiguousarray(value, dtype=np.float64)
@@ -39,6 +39,14 @@ def as_shape(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> Array:
     return array
 
 
+COLDEST, HOTTEST = -60.0, 200.0  # degrees Celsius
+
+
+def plausible_temperature(chips: Array) -> Array:
+    """Temperatures (degrees Celsius), NaN where no chip can have them."""
+    return np.where((chips >= COLDEST) & (chips <= HOTTEST), chips, np.nan)
+
+
 MOST_CHARACTERS = 100
 # letters and digits of any script, and what names of frames, units and objects are written with
 NAME = re.compile(r'[\w .,:/()\[\]+*%^=#°~-]*')
@@ -47,8 +55,8 @@ NAME = re.compile(r'[\w .,:/()\[\]+*%^=#°~-]*')
 def admit_name(what: str, name: str) -> str:
     """Refuse a name that could be markup, a command or an end of line; return it otherwise.
 
-    Raises ValueError if it is longer than 100 characters or has others than letters, digits,
-    spaces and `. , : / ( ) [ ] + * % ^ = # _ ~ -`; `what` says whose name it is.
+    ValueError if it is longer than 100 characters or has others than letters, digits, spaces and
+    `. , : / ( ) [ ] + * % ^ = # _ ~ -`; `what` says whose name it is.
 
     Examples
     --------
@@ -124,18 +132,16 @@ class Layout:
     ----------
     positions : ndarray, shape (t, 3)
         Taxel positions in the sensor frame (m).
-    channels : tuple of str
-        Names of the channels of a taxel.
-    unit : str
-        Unit of values: 'T' or '1' (a fraction).
+    channels, unit : tuple of str, str
+        Names of the channels of a taxel; 'T' or '1' (a fraction).
     rotations : ndarray, shape (t, 3, 3), or None
-        Rotation from chip axes to sensor axes; values are in chip axes. None: aligned.
+        From chip axes to sensor axes; values are in chip axes. None: aligned.
     saturation : ndarray, shape (c,), or None
         Magnitude at which a channel clips (unit of values); inf or None: never.
     rate_hz : float
         Nominal frame rate (Hz).
     frame_id, sensor, serial : str
-        Name of the sensor frame, key of the sensor, which board; see `names.admit_name`.
+        Name of the sensor frame, key of the sensor, which board; see `admit_name`.
     """
 
     positions: Array
@@ -189,20 +195,14 @@ class Frame:
 
     Attributes
     ----------
-    stamp_ns : int or None
-        Acquisition time (ns); None: an independent frame.
-    sequence : int
-        Frame counter of its stream; a gap is lost frames.
+    stamp_ns, sequence : int or None, int
+        Acquisition time (ns), None: an independent frame; counter of its stream.
     values : ndarray, shape (t, c)
         Raw readings (unit of the layout).
-    temperature_c : ndarray, shape (t,), or None
-        What the chips report (degrees Celsius); None: not measured.
-    status : ndarray, shape (t,), or None
-        Bits of `TaxelStatus`; None: all good.
-    device_time_ns : int
-        The device's own clock, unwrapped; 0: it has none.
-    dropped : int
-        Frames known lost since activation.
+    temperature_c, status : ndarray, shape (t,), or None
+        What the chips report (degrees Celsius), None: not measured; bits of `TaxelStatus`.
+    device_time_ns, dropped : int
+        The device's own clock, unwrapped, 0: it has none; frames known lost since activation.
     averaged : int
         Frames that the values are the mean of: 1, a reading; more, the baseline of a tare; 0, a
         baseline without tare noise (of a fit, or of a bag that does not say).
@@ -223,7 +223,6 @@ class Frame:
             raise ValueError(msg)
 
     def __repr__(self) -> str:
-        """Counter, stamp, shape and range of the readings in a line."""
         stamp = 'no stamp' if self.stamp_ns is None else f'{self.stamp_ns} ns'
         shape = ' x '.join(map(str, np.shape(self.values)))
         known = self.values[np.isfinite(self.values)]
@@ -237,14 +236,11 @@ class Outline:
 
     Attributes
     ----------
-    name : str
-        Name of the object.
     loops : tuple of ndarray, shape (n, 2)
         Corners (m), counter-clockwise; holes clockwise.
-    thickness : float or None
-        Thickness, or the radius of a tube (m).
-    bend : float or None
-        Angle tube: its two axes leave the origin along +x and at `bend` (rad).
+    thickness, bend : float or None
+        Thickness, or the radius of a tube (m); of an angle tube, whose two axes leave the origin
+        along +x and at `bend` (rad).
     """
 
     name: str

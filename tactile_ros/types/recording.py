@@ -96,22 +96,15 @@ class Recording:
 
     Attributes
     ----------
-    layout : Layout
-        Of the sensor.
     values : ndarray, shape (s, t, c)
         Raw readings (unit of the layout).
-    stamp_ns : ndarray, shape (s,), or None
-        Acquisition times; None: independent frames, no step with memory is run.
-    sequence : ndarray, shape (s,), or None
-        Frame counter; a gap is lost frames.
-    temperature_c : ndarray, shape (s, t), or None
-        What the chips report.
-    status : ndarray, shape (s, t), or None
-        Bits of `TaxelStatus`.
-    stream : ndarray, shape (s,), or None
-        One continuous stream per value.
-    tare : ndarray, shape (s,), or None
-        Resting frames: a run of them gives the baseline of what follows in its stream.
+    stamp_ns, sequence : ndarray, shape (s,), or None
+        Acquisition times, None: independent frames, no step with memory is run; frame counter.
+    temperature_c, status : ndarray, shape (s, t), or None
+        What the chips report; bits of `TaxelStatus`.
+    stream, tare : ndarray, shape (s,), or None
+        One continuous stream per value; resting frames: a run of them gives the baseline of what
+        follows in its stream.
     truth : dict
         Any subset of `TRUTH_KEYS`; NaN or -1 where unknown.
     """
@@ -135,21 +128,16 @@ class Recording:
 
     @classmethod
     def from_arrays(
-        cls,
-        layout: Layout,
-        values: npt.ArrayLike,
-        stamp_ns: npt.ArrayLike | None = None,
-        sequence: npt.ArrayLike | None = None,
-        temperature_c: npt.ArrayLike | None = None,
-        status: npt.ArrayLike | None = None,
-        stream: npt.ArrayLike | None = None,
+        cls, layout: Layout, values: npt.ArrayLike, stamp_ns: npt.ArrayLike | None = None,
+        sequence: npt.ArrayLike | None = None, temperature_c: npt.ArrayLike | None = None,
+        status: npt.ArrayLike | None = None, stream: npt.ArrayLike | None = None,
         tare: npt.ArrayLike | None = None,
         truth: Mapping[str, npt.ArrayLike | None] | None = None,
-    ) -> Recording:
+    ) -> Recording:  # fmt: skip
         """Check shapes and types once and hold the arrays; see the class for their meaning.
 
-        Raises ValueError if a shape does not fit, a truth key is unknown or its values can not
-        be, or stamps do not increase inside a stream.
+        ValueError if a shape does not fit, a truth key or value can not be, or stamps do not
+        increase inside a stream.
         """
         taxels, channels = layout.shape
         table = as_shape('values of Recording', values, (-1, taxels, channels))
@@ -158,21 +146,17 @@ class Recording:
             temperature_c = as_shape('temperature_c of Recording', temperature_c, (s, taxels))
         if status is not None:
             status = as_shape('status of Recording', status, (s, taxels)).astype(np.uint8)
-        recording = cls(
-            layout,
-            table,
-            _column('stamp_ns', stamp_ns, s, np.int64),  # type: ignore[arg-type]
-            _column('sequence', sequence, s, np.int64),  # type: ignore[arg-type]
-            temperature_c,  # type: ignore[arg-type]
-            status,  # type: ignore[arg-type]
-            _column('stream', stream, s, np.int64),  # type: ignore[arg-type]
-            _column('tare', tare, s, np.bool_),  # type: ignore[arg-type]
-            {
-                key: _truth_column(key, value, s, taxels)
-                for key, value in (truth or {}).items()
-                if value is not None
-            },
-        )
+        told = {key: value for key, value in (truth or {}).items() if value is not None}
+        columns = {
+            'stamp_ns': _column('stamp_ns', stamp_ns, s, np.int64),
+            'sequence': _column('sequence', sequence, s, np.int64),
+            'temperature_c': temperature_c,
+            'status': status,
+            'stream': _column('stream', stream, s, np.int64),
+            'tare': _column('tare', tare, s, np.bool_),
+            'truth': {key: _truth_column(key, value, s, taxels) for key, value in told.items()},
+        }
+        recording = cls(layout, table, **columns)  # type: ignore[arg-type]
         if recording.stamp_ns is not None and s > 1:
             back = (np.diff(recording.stamp_ns) <= 0) & ~recording.restarts[1:]
             if back.any():
@@ -183,12 +167,9 @@ class Recording:
 
     @classmethod
     def from_frames(
-        cls,
-        layout: Layout,
-        frames: Sequence[Frame],
-        stream: npt.ArrayLike | None = None,
+        cls, layout: Layout, frames: Sequence[Frame], stream: npt.ArrayLike | None = None,
         tare: npt.ArrayLike | None = None,
-    ) -> Recording:
+    ) -> Recording:  # fmt: skip
         """Frames of one layout; stamps and temperatures are kept where all frames have them."""
         clean = np.zeros(layout.shape[0], np.uint8)
         stamps = [frame.stamp_ns for frame in frames]
@@ -282,7 +263,7 @@ def _joined(
 
 
 def are_ordered(recordings: Sequence[Recording]) -> bool:
-    """True where neighbouring rows belong together: stamps, streams or tare rows say so."""
+    """True where stamps, streams or tare rows say that neighbouring rows belong together."""
     columns = [column for one in recordings for column in (one.stamp_ns, one.tare, one.stream)]
     return any(column is not None for column in columns)
 
@@ -306,37 +287,40 @@ def touched_rows(recording: Recording) -> Bools:
     if 'in_contact' in truth:
         known = truth['in_contact'].astype(np.int64)
         touched = (touched & (known != 0)) | (known == 1)
-    return touched if recording.tare is None else touched & ~recording.tare
+    return _untared(recording, touched)
 
 
 def firm_rows(recording: Recording) -> Bools:
     """Rows (s,) whose true force is well above what a load cell makes of nothing."""
-    if 'force' not in recording.truth:
-        return np.zeros(len(recording), bool)
-    force = np.nan_to_num(recording.truth['force'].astype(np.float64))
-    size = np.linalg.norm(force, axis=1)
-    firm = np.asarray(size > FIRM * size.max(initial=0.0))
-    return firm if recording.tare is None else firm & ~recording.tare
+    size = _force_sizes(recording)
+    return _untared(recording, size > FIRM * size.max(initial=0.0))
 
 
 def calm_rows(recording: Recording) -> Bools:
     """Rows (s,) of a time course whose true force is what a load cell makes of nothing."""
     if 'force' not in recording.truth or recording.stamp_ns is None:
         return np.zeros(len(recording), bool)
-    force = recording.truth['force'].astype(np.float64)
-    size = np.linalg.norm(np.nan_to_num(force), axis=1)
+    size, force = _force_sizes(recording), recording.truth['force'].astype(np.float64)
     calm = np.isfinite(force).any(axis=1) & (size <= CALM * size.max(initial=0.0))
-    return np.asarray(calm if recording.tare is None else calm & ~recording.tare)
+    return _untared(recording, calm)
+
+
+def _force_sizes(recording: Recording) -> Array:
+    """True forces (s,) (N), 0 where unknown."""
+    force = recording.truth.get('force', np.zeros((len(recording), 3)))
+    return np.asarray(np.linalg.norm(np.nan_to_num(force.astype(np.float64)), axis=1))
+
+
+def _untared(recording: Recording, rows: Bools) -> Bools:
+    """Those of some rows (s,) that are no tare."""
+    return rows if recording.tare is None else rows & ~recording.tare
 
 
 def groups_of(recording: Recording) -> Columns:
-    """Groups that an honest split keeps together, of a joined recording.
+    """Groups (s,) of a joined recording that an honest split keeps together.
 
-    Returns
-    -------
-    dict of str to ndarray, shape (s,)
-        'session': recording and session; 'group': session and repetition (press cycles, say),
-        or ten blocks of rows where fewer than three of them are known.
+    'session': recording and session; 'group': session and repetition (press cycles, say), or ten
+    blocks of rows where fewer than three of them are known.
     """
     zeros = np.zeros(len(recording), np.int64)
     session = recording.truth.get('session', zeros).astype(np.int64)

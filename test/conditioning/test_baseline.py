@@ -11,10 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_ros.conditioning.baseline import (
+    GAIN,
+    PERIOD_NS,
     BaselineTracker,
     Rest,
     Stream,
-    Tracking,
+    held_noise,
+    motion_noise,
+    rest_noise,
     stream_baselines,
     tare_means,
     tare_runs,
@@ -24,8 +28,6 @@ from tactile_ros.types import Layout, Recording
 SHAPE = (2, 3)
 LAYOUT = Layout(np.zeros((2, 3)), ('Bx', 'By', 'Bz'), 'T')
 SCALE = np.full(SHAPE, 1.0)
-PERIOD_NS = 100
-TRACKING = Tracking(SCALE, PERIOD_NS, 0.5)
 
 ROWS = st.lists(st.tuples(st.booleans(), st.integers(0, 4)), max_size=30)
 
@@ -70,15 +72,13 @@ def test_means_pass_over_lost_readings(numbers: list[int], seed: int) -> None:
             np.testing.assert_allclose(mean[taxel, channel], wanted, rtol=1e-12)
 
 
-def plain_tracker(
-    start: np.ndarray, values: np.ndarray, stamp_ns: np.ndarray, tracking: Tracking
-) -> np.ndarray:
+def plain_tracker(start: np.ndarray, values: np.ndarray, stamp_ns: np.ndarray) -> np.ndarray:
     """The definition with lists: a period's frames, then a step if all of them rested."""
     level, block, begin, held = start.copy(), [], 0, []
     for frame, now in zip(values, stamp_ns.tolist(), strict=True):
-        if block and now - begin >= tracking.period_ns:
-            if all((np.abs(x - level) <= tracking.scale).all() for x in block):
-                level = level + tracking.gain * (np.mean(block, axis=0) - level)
+        if block and now - begin >= PERIOD_NS:
+            if all((np.abs(x - level) <= SCALE).all() for x in block):
+                level = level + GAIN * (np.mean(block, axis=0) - level)
             block = []
         if not block:
             begin = now
@@ -90,8 +90,8 @@ def plain_tracker(
 def drifting(samples: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Drift, contacts, lost readings; irregular stamps with gaps."""
     rng = np.random.default_rng(seed)
-    step = rng.integers(1, 60, samples)
-    step[rng.random(samples) < 0.05] = 1000
+    step = rng.integers(1, 60, samples) * 10_000_000
+    step[rng.random(samples) < 0.05] = 10 * PERIOD_NS
     values = np.cumsum(rng.normal(0, 0.05, (samples, *SHAPE)), axis=0)
     touched = np.cumsum(rng.random(samples) < 0.05) % 2 == 1
     values[touched] += 3.0
@@ -106,15 +106,15 @@ def test_tracking_one_by_one_in_pieces_and_in_batch(
 ) -> None:
     values, stamp_ns = drifting(samples, seed)
     start = np.zeros(SHAPE)
-    wanted = plain_tracker(start, values, stamp_ns, TRACKING)
-    tracker = BaselineTracker(start, TRACKING)
+    wanted = plain_tracker(start, values, stamp_ns)
+    tracker = BaselineTracker(start, SCALE)
     np.testing.assert_allclose(tracker.follow(values, stamp_ns)[0], wanted, rtol=0, atol=1e-12)
     edges = [0, *sorted(min(cut, samples) for cut in cuts), samples]
     for pieces in (
         list(pairwise(edges)),
         [(i, i + 1) for i in range(samples)],
     ):
-        pieced = BaselineTracker(start, TRACKING)
+        pieced = BaselineTracker(start, SCALE)
         held = [pieced.follow(values[a:b], stamp_ns[a:b])[0] for a, b in pieces]
         found = np.concatenate(held) if held else np.zeros((0, *SHAPE))
         np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12)
@@ -123,17 +123,18 @@ def test_tracking_one_by_one_in_pieces_and_in_batch(
 
 def test_what_is_no_reading_is_followed_with_the_readings_and_says_nothing_about_rest() -> None:
     values, stamp_ns = drifting(400, 3)
+    values = np.where(np.abs(values) > 2, values, 0.3 * values)
     warmth = np.linspace(20.0, 90.0, 400)[:, None] * np.ones(SHAPE[0])
     warmth[200:] = np.nan
     start, beside = np.zeros(SHAPE), np.concatenate([values, warmth[..., None]], axis=2)
-    plain = BaselineTracker(start, TRACKING).follow(values, stamp_ns)[0]
+    plain = BaselineTracker(start, SCALE).follow(values, stamp_ns)[0]
     more = np.concatenate([start, np.full((SHAPE[0], 1), 20.0)], axis=1)
-    held = BaselineTracker(more, TRACKING).follow(beside, stamp_ns)[0]
+    held = BaselineTracker(more, SCALE).follow(beside, stamp_ns)[0]
     np.testing.assert_array_equal(held[..., :-1], plain)
     assert 20.0 < held[199, 0, -1] < 60.0  # a slow mean of what was told
     assert np.isnan(held[-1, :, -1]).all()
     unknown = np.concatenate([start, np.full((SHAPE[0], 1), np.nan)], axis=1)
-    found = BaselineTracker(unknown, TRACKING).follow(beside[:200], stamp_ns[:200])[0]
+    found = BaselineTracker(unknown, SCALE).follow(beside[:200], stamp_ns[:200])[0]
     np.testing.assert_array_equal(found[..., :-1], plain[:200])
 
 
@@ -141,33 +142,33 @@ def test_what_is_no_reading_is_followed_with_the_readings_and_says_nothing_about
 def test_nothing_is_followed_without(what: str) -> None:
     values, stamp_ns = np.full((50, *SHAPE), 0.5), np.arange(50) * PERIOD_NS
     start = np.zeros(SHAPE)
-    tracking: Tracking | None = TRACKING
+    scale: np.ndarray | None = SCALE
     if what == 'no tracking':
-        tracking = None
+        scale = None
     elif what == 'no threshold':
-        tracking = Tracking(np.full(SHAPE, np.nan), PERIOD_NS)
+        scale = np.full(SHAPE, np.nan)
     elif what == 'lost taxel':
         values[:, 0] = np.nan
-    held = BaselineTracker(start, tracking).follow(
-        values, None if what == 'no stamps' else stamp_ns
-    )[0]
+    held = BaselineTracker(start, scale).follow(values, None if what == 'no stamps' else stamp_ns)[
+        0
+    ]
     assert held.shape == values.shape
     assert not held.any()
 
 
 def plain_baselines(
-    recording: Recording, values: np.ndarray, start: np.ndarray, tracking: Tracking | None
+    recording: Recording, values: np.ndarray, start: np.ndarray, scale: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The definition: walk the rows, tare at every run, follow frames in between."""
     samples = len(recording)
     base = np.zeros((samples, *SHAPE))
     restart = np.zeros(samples, bool)
     tare = np.zeros(samples, bool) if recording.tare is None else recording.tare.copy()
-    tracker = BaselineTracker(start, tracking)
+    tracker = BaselineTracker(start, scale)
     row = 0
     while row < samples:
         if recording.restarts[row]:
-            tracker = BaselineTracker(start, tracking)
+            tracker = BaselineTracker(start, scale)
         restart[row] = bool(recording.restarts[row]) or bool(tare[row - 1] and row > 0)
         if not tare[row]:
             stamp = None if recording.stamp_ns is None else recording.stamp_ns[row : row + 1]
@@ -185,7 +186,7 @@ def plain_baselines(
         level = np.where(known > 0, total / np.maximum(known, 1), np.nan)
         base[row:end] = level
         restart[row + 1 : end] = True
-        tracker = BaselineTracker(level, tracking)
+        tracker = BaselineTracker(level, scale)
         row = end
     if recording.stamp_ns is None:
         restart[:] = True
@@ -211,10 +212,10 @@ def test_baselines_of_a_recording_are_those_of_the_definition(
         stream=stream,
         tare=tare,
     )
-    tracking = TRACKING if tracked else None
+    scale = SCALE if tracked else None
     start = np.full(SHAPE, 0.25)
-    found = stream_baselines(recording, values, BaselineTracker(start, tracking))
-    wanted, again, tared = plain_baselines(recording, values, start, tracking)
+    found = stream_baselines(recording, values, BaselineTracker(start, scale))
+    wanted, again, tared = plain_baselines(recording, values, start, scale)
     np.testing.assert_allclose(found.levels, wanted, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(found.restart, again)
     np.testing.assert_array_equal(found.tare, tared)
@@ -422,3 +423,67 @@ def test_time_that_does_not_increase_ends_the_stream() -> None:
     restarts(stream, 3, 5)
     assert not stream.is_over(None)
     assert [stream.is_over(np.array([stamp])) for stamp in (6, 5, 4)] == [False, True, True]
+
+
+SIGMA = np.array([[0.5, 2.0, 0.0]])
+
+
+def noisy(samples: int = 4000) -> np.ndarray:
+    drift = np.linspace(0, 5, samples)[:, None, None]
+    return drift + SIGMA * np.random.default_rng(5).normal(size=(samples, 1, 3))
+
+
+def test_drift_is_no_noise() -> None:
+    rest = noisy()
+    np.testing.assert_allclose(
+        rest_noise(rest, np.zeros(len(rest), int))[0, :2], SIGMA[0, :2], rtol=0.06
+    )
+    assert (rest.std(axis=0)[0] > 1.4).all()
+
+
+def test_a_quantised_channel_has_at_least_its_quantum() -> None:
+    rest = np.zeros((100, 1, 1))
+    rest[50] = 3.0
+    np.testing.assert_allclose(rest_noise(rest, np.zeros(100, int)), 3.0 / np.sqrt(12))
+
+
+def test_motion_makes_it_no_smaller() -> None:
+    values = noisy()
+    stamp_ns = np.arange(len(values)) * 10_000_000
+    restart = np.zeros(len(values), bool)
+    np.testing.assert_allclose(
+        motion_noise(values, stamp_ns, restart)[0, :2], SIGMA[0, :2], rtol=0.06
+    )
+    moving = values + 50 * np.sin(stamp_ns * 1e-9)[:, None, None]
+    assert (motion_noise(moving, stamp_ns, restart)[0, :2] > 0.9 * SIGMA[0, :2]).all()
+
+
+def test_a_lost_channel_is_unknown_and_lost_rows_are_passed_over() -> None:
+    values = noisy()
+    values[:, 0, 1] = np.nan
+    values[::7] = np.nan
+    stamp_ns = np.arange(len(values)) * 10_000_000
+    for noise in (
+        rest_noise(values, np.zeros(len(values), int)),
+        motion_noise(values, stamp_ns, np.zeros(len(values), bool)),
+    ):
+        assert np.isnan(noise[0, 1])
+        assert noise[0, 0] == pytest.approx(0.5, rel=0.1)
+    nothing = np.full((5, 1, 3), np.nan)
+    assert np.isnan(rest_noise(nothing, np.zeros(5, int))).all()
+
+
+@pytest.mark.parametrize('rows', [2, 3, 5, 40])
+def test_noise_inside_held_touches_in_any_order(rows: int) -> None:
+    rng = np.random.default_rng(rows)
+    group = np.repeat(np.arange(500), rows)
+    values = 100.0 * rng.normal(size=(500, 1, 3))[group] + SIGMA * rng.normal(
+        size=(len(group), 1, 3)
+    )
+    found = held_noise(values, group)
+    np.testing.assert_allclose(found[0, :2], SIGMA[0, :2], rtol=0.1)
+    order = rng.permutation(len(group))
+    np.testing.assert_allclose(held_noise(values[order], 7 - group[order]), found, atol=1e-12)
+    values[::7] = np.nan
+    if rows > 2:
+        np.testing.assert_allclose(held_noise(values, group)[0, :2], SIGMA[0, :2], rtol=0.15)

@@ -6,15 +6,13 @@ from __future__ import annotations
 import ctypes
 import dataclasses
 import errno
-import gc
 import time
-import tracemalloc
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from tactile_ros.devices.chip_array import ChipArray, Mode, carried_hz, exchange_bits, switch_bits
+from tactile_ros.devices.chip_array import ChipArray, Mode, carried_hz
 from tactile_ros.devices.connections import ChipConnection
 from tactile_ros.devices.mlx90393 import ChipPlace, ChipSettings, clusters
 from tactile_ros.devices.simulated_i2c import ChipArrayTwin

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.devices.chip_array import ChipArray
-from tactile_ros.devices.connections import ChipConnection, FramedConnection
-from tactile_ros.devices.framed_protocol import Payload, gradiometer
+from tactile_ros.devices.connections import ChipConnection
 from tactile_ros.devices.mlx90393 import ChipPlace
 from tactile_ros.devices.serial_board import FramedBoard
 from tactile_ros.types import Layout

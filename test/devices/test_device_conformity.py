@@ -80,9 +80,7 @@ def test_driver_can_be_closed_and_opened_again(key: str, how: dict[str, object])
 
 
 @roads
-def test_driver_ends_silence_in_time_with_a_sentence(
-    key: str, how: dict[str, object]
-) -> None:
+def test_driver_ends_silence_in_time_with_a_sentence(key: str, how: dict[str, object]) -> None:
     with road_of(key, how) as road:
         if isinstance(road.twin, ChipArrayTwin):
             road.twin.inject('unplug')
@@ -99,9 +97,7 @@ def test_twins_have_one_vocabulary_of_faults() -> None:
 
 
 @pytest.mark.parametrize(('key', 'how', 'fault'), SUFFERED)
-def test_driver_survives_and_counts_a_fault(
-    key: str, how: dict[str, object], fault: str
-) -> None:
+def test_driver_survives_and_counts_a_fault(key: str, how: dict[str, object], fault: str) -> None:
     with road_of(key, how) as road:
         for count in (1, STORMS.get(fault, STORM)):
             trial = suffer(road, fault, count, 0.25)

@@ -22,7 +22,6 @@ from tactile_ros.devices.mlx90393 import (
     ChipSettings,
     Decoder,
     Switches,
-    clusters,
     conversion_time,
     refuse_conflicts,
     tesla_per_lsb,

@@ -263,9 +263,7 @@ def test_decoder_is_not_confused_by_crlf_in_steady_readings(
         *((20, struct.pack('<f', number), (0, 1)) for number in (np.nan, np.inf, 2e5)),
     ],
 )
-def test_decoder_drops_a_bad_frame_alone(
-    place: int, hurt: bytes, errors: tuple[int, int]
-) -> None:
+def test_decoder_drops_a_bad_frame_alone(place: int, hurt: bytes, errors: tuple[int, int]) -> None:
     frames = sent(8, 8)
     bad = frames[4][:place] + hurt + frames[4][place + len(hurt) :]
     decoder = ReskinDecoder(5)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import errno
-import threading
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from smbus2 import i2c_msg
 
 from tactile_ros.devices.mlx90393 import ChipPlace, clusters
 from tactile_ros.devices.simulated_i2c import ChipArrayTwin, SimulatedChip, SimulatedI2cBus
-from tactile_ros.devices.timestamps import Clock, LeadingClock, VirtualClock
+from tactile_ros.devices.timestamps import LeadingClock, VirtualClock
 from tactile_ros.types import Layout
 
 BURST, SINGLE, ERROR, RESET = 0x80, 0x20, 0x10, 0x04

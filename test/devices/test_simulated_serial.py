@@ -11,11 +11,9 @@ import numpy as np
 import pytest
 
 from tactile_ros.devices.framed_protocol import taxel_matrix
-from tactile_ros.devices.serial_board import ReskinBoard
 from tactile_ros.devices.simulated_serial import (
     BYTE_FAULTS,
     FramedTwin,
-    Player,
     ReskinTwin,
     SimulatedSerialPort,
     damage,
@@ -23,7 +21,7 @@ from tactile_ros.devices.simulated_serial import (
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.devices.transport import SerialPort
 from tactile_ros.errors import DeviceError, DeviceTimeout
-from tactile_ros.types import Array, Device, Layout, TaxelStatus, Twin
+from tactile_ros.types import Array, Layout, TaxelStatus, Twin
 
 STEP = 1e-7
 MATRIX = Layout(np.zeros((16, 3)), ('p',), '1', rate_hz=500.0)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.types import Frame, Layout, Outline, TaxelStatus, as_shape
+from tactile_ros.types import Layout, Outline, as_shape
 
 
 @pytest.mark.parametrize('value', ['far', [[1, 2], [3]], [object()], {'a': 1}])

@@ -111,9 +111,7 @@ def test_a_calm_force_is_what_a_load_cell_makes_of_nothing() -> None:
     stamps = 10**9 * np.arange(1, 5)
     calm = recording(4, truth={'force': force}, stamp_ns=stamps)
     assert calm_rows(calm).tolist() == [False, True, True, False]
-    tared = recording(
-        4, truth={'force': force}, stamp_ns=stamps, tare=[False, False, True, False]
-    )
+    tared = recording(4, truth={'force': force}, stamp_ns=stamps, tare=[False, False, True, False])
     assert calm_rows(tared).tolist() == [False, True, False, False]
     assert not calm_rows(recording(4, truth={'force': force})).any()  # no time course
     assert not calm_rows(recording(4, stamp_ns=stamps)).any()

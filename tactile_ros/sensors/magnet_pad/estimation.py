@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tactile_ros.conditioning.baseline import plausible_temperature, training_baseline_variance
+from tactile_ros.conditioning.baseline import training_baseline_variance
 from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.physics.fidelity import Choice, Rated, Worth
@@ -33,7 +33,7 @@ from tactile_ros.sensors.magnet_pad.inversion import SIGMAS, TABLE, PadInversion
 from tactile_ros.sensors.regression import CLASSES as REGRESSION_CLASSES
 from tactile_ros.sensors.regression import ESTIMATORS as REGRESSORS
 from tactile_ros.sensors.regression import Recognition, places_of, scatter_rows
-from tactile_ros.types import Array, Bools, FrameStatus, Integers
+from tactile_ros.types import Array, Bools, FrameStatus, Integers, plausible_temperature
 
 if TYPE_CHECKING:
     import numpy.typing as npt
