@@ -1,9 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Many MLX90393 on I2C buses and behind switches, read as one sensor.
-
-`ChipArray` measures, `ChipSupervisor` isolates chips that fail and sets them up again, and
-`check_bus_capacity` refuses rates that the buses cannot carry.
-"""
+"""Many MLX90393 on I2C buses and behind switches, read as one sensor."""
 
 from __future__ import annotations
 
@@ -40,6 +36,7 @@ FIRST_RETRY_S = 0.02
 LONGEST_RETRY_S = 0.2
 POLLS_PER_CONVERSION = 8
 BITS_PER_BYTE = 9  # with the acknowledgement
+MARGIN = 0.05  # of the nominal conversion, waited in addition for slow oscillators
 COUNTERS = {
     'resets': 'running chips that said they had been reset (their supply broke down)',
     'reconfigured': 'chips that were set up again',
@@ -56,8 +53,7 @@ class ChipSupervisor:
     """Keeps chips running: exchanges that may fail, and chips that come back.
 
     `burst`: chips are started in burst mode when they are set up; `wait_ns` passes from the start
-    of a measurement to its reading. `counts` go by the names in `COUNTERS`, `failure` is the last
-    one, in a sentence.
+    of a measurement to its reading. `failure` is the last one, in a sentence.
     """
 
     def __init__(self, chips: Sequence[Chip], burst: bool, wait_ns: int, clock: Clock) -> None:
@@ -164,14 +160,12 @@ def _done(action: Callable[[Chip], object], chip: Chip) -> bool:
 
 
 class ChipArray(Closing, Device):
-    """The chips as a `Device`: a context manager whose `read` gives frames.
+    """The chips as a `Device`.
 
     Parameters
     ----------
-    buses : sequence of I2cBus
-        Not opened yet; this driver opens and closes them.
-    places : sequence of ChipPlace
-        In the order of the taxels of the layout, which has 3 channels.
+    buses, places : sequence of I2cBus, of ChipPlace
+        Not opened yet, this driver opens and closes them; in the order of the layout's taxels.
     mode : 'single' or 'burst'
         single: all chips are started, then all are read, so that they measure at nearly the same
         time. burst: chips measure without end, each at its own pace; the fastest.
@@ -179,27 +173,21 @@ class ChipArray(Closing, Device):
         Frames per second, held by waiting; None or NaN: as fast as bus and chips allow.
     clock_ns, clock : callable, Clock
         Gives the stamps (ns); of all waiting.
-    conversion_margin : float
-        Share of the nominal conversion time that is waited in addition, for slow oscillators.
     bus_hz : float
-        Clock of the buses (Hz), by which `rate_hz` is judged; 0: unknown, not judged.
-
-    Raises
-    ------
-    ValueError
-        If buses, places, layout and mode do not fit together, or the buses cannot carry the rate.
+        Clock of the buses (Hz), by which `rate_hz` is judged; 0: not judged.
 
     Notes
     -----
-    Stamps are the middle of the measurement: the clock, less what has passed since. In burst mode
-    the age of a reading is uncertain by half a conversion; its mean is taken.
+    A ValueError refuses misfits and a rate that the buses cannot carry. Stamps are the middle of
+    the measurement: in burst mode the age of a reading is uncertain by half a conversion; its mean
+    is taken.
     """
 
     def __init__(
         self, buses: Sequence[I2cBus], places: Sequence[ChipPlace], layout: Layout,
         settings: ChipSettings | None = None, mode: Mode = 'single', rate_hz: float | None = None,
         clock_ns: Callable[[], int] = time.monotonic_ns, clock: Clock | None = None,
-        conversion_margin: float = 0.05, bus_hz: float = 0.0,
+        bus_hz: float = 0.0,
     ) -> None:  # fmt: skip
         settings = ChipSettings() if settings is None else settings
         _refuse_misfits(buses, places, layout, mode)
@@ -212,7 +200,7 @@ class ChipArray(Closing, Device):
         self._clock_ns = clock_ns
         self._clock = clock = Clock() if clock is None else clock
         self._conversion_ns = round(settings.conversion_s * 1e9)
-        self._wait_ns = round(self._conversion_ns * (1 + conversion_margin))
+        self._wait_ns = round(self._conversion_ns * (1 + MARGIN))
         self._buses = tuple(buses)
         switches = [
             Switches(bus, [place for place in places if place.bus == number])
@@ -251,7 +239,7 @@ class ChipArray(Closing, Device):
         """Open the buses, reset and configure the chips, and measure once.
 
         A DeviceError says that a bus is missing or forbidden, or that no chip at all answers,
-        twice; chips missing among others have ERROR in every frame and are looked for again.
+        twice; chips missing among others have ERROR and are looked for again.
         """
         try:
             for bus in self._buses:
@@ -286,9 +274,8 @@ class ChipArray(Closing, Device):
     def read(self, timeout: float) -> Frame:
         """Measure with all chips; those that could not be read are NaN with ERROR.
 
-        `timeout` is the longest wait (s) for chips and buses that fail; a frame that has begun is
-        finished. A DeviceTimeout says why no chip could be read in time, the next calls try again;
-        a DeviceError that it is not open.
+        A DeviceTimeout says why no chip could be read within `timeout` (s), a DeviceError that it
+        is not open.
         """
         if not self._opened:
             msg = f'chips on {", ".join(bus.path for bus in self._buses)} are not open'
@@ -440,8 +427,7 @@ def carried_hz(
 ) -> float:
     """Most frames a second that chips, in the order of reading, and a bus of `bus_hz` carry.
 
-    By the clocks of every exchange and the nominal conversions. Gaps of the adapter and clock
-    stretching come on top, so that only what can never be is refused.
+    By the clocks of every exchange and nominal conversions: only what can never be is refused.
     """
     switching = np.array(switch_bits(places)) / bus_hz
     reading = exchange_bits(1, settings.answer_bytes) / bus_hz

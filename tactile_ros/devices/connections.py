@@ -64,9 +64,7 @@ class FramedConnection:
         taxels.
         """
         payload, scale = self.payload(layout), self.scale()
-        return FramedBoard(
-            self.port, layout, payload, scale, self.baud, self.native_usb, clock_ns
-        )
+        return FramedBoard(self.port, layout, payload, scale, self.baud, self.native_usb, clock_ns)
 
     def simulate(
         self, layout: Layout, signal: Callable[[float], Array], noise: float | Array, seed: int,
@@ -74,16 +72,10 @@ class FramedConnection:
     ) -> Twin:  # fmt: skip
         """Twin on a pseudo-terminal or simulated buses, whose paths are not used; not entered yet.
 
-        Parameters
-        ----------
-        signal : callable
-            Time (s) -> values, shape (t, c) (unit of the layout).
-        noise, seed : float or ndarray, shape (c,), int
-            Standard deviation of a reading (unit of the layout); of noise and faults.
-        clock : VirtualClock or None
-            Of the board or the buses; None: the machine's.
-        temperature_c : callable or None
-            Time (s) -> chip temperatures (t,) (degrees Celsius); None: 25.
+        `signal` gives values (t, c) (unit of the layout) at a time (s), `temperature_c` chip
+        temperatures (t,) (degrees Celsius; None: 25). `noise`, a number or (c,), is the standard
+        deviation of a reading, `seed` that of noise and faults; `clock` is the board's (None: the
+        machine's).
         """
         return FramedTwin(
             layout, self.payload(layout), self.scale(), signal, noise, temperature_c, seed, clock,
@@ -113,9 +105,7 @@ class LineConnection:
 
     def open(self, layout: Layout, clock_ns: Callable[[], int]) -> Device:
         """See `FramedConnection.open`."""
-        return LineBoard(
-            self.port, layout, self.scale, self.baud, self.native_usb, clock_ns
-        )
+        return LineBoard(self.port, layout, self.scale, self.baud, self.native_usb, clock_ns)
 
     def simulate(
         self, layout: Layout, signal: Callable[[float], Array], noise: float | Array, seed: int,
@@ -133,28 +123,15 @@ def open_lines(
     clock_ns: Callable[[], int] = time.monotonic_ns,
 ) -> Device:  # fmt: skip
     """Driver of a board that prints so many numbers a line, for whom no sensor is made yet."""
-    return LineConnection(port, baud, scale=scale).open(_readings(taxels), clock_ns)
-
-
-def simulate_lines(
-    taxels: int, signal: Callable[[float], Array], noise: float = 0.0, seed: int = 0,
-    scale: float = 1.0, rate_hz: float = 50.0,
-) -> Twin:  # fmt: skip
-    """Twin of such a board that prints `signal`, time (s) -> readings (t, 1), over `scale`."""
-    return LineConnection(scale=scale).simulate(_readings(taxels, rate_hz), signal, noise, seed)
-
-
-def _readings(taxels: int, rate_hz: float = np.nan) -> Layout:
-    """Layout of taxels of which no places are known."""
-    return Layout(np.zeros((taxels, 3)), ('reading',), '1', rate_hz=rate_hz)
+    layout = Layout(np.zeros((taxels, 3)), ('reading',), '1')
+    return LineConnection(port, baud, scale=scale).open(layout, clock_ns)
 
 
 @dataclass(frozen=True)
 class ChipConnection(FramedConnection):
     """MLX90393 chips on I2C buses, or behind a microcontroller on a serial port.
 
-    Fields of the transport that is not chosen are not used, those of the chips always. A field of
-    `bus_of_chip`, `mux_addresses` and `mux_channels` may be one number for all chips.
+    Fields of the other transport are not used; one number counts for all chips.
     """
 
     transport: str = text_of('i2c', 'how the chips are reached', ('i2c', 'serial'))

@@ -11,6 +11,10 @@ import numpy.typing as npt
 from tactile_ros.types import Array, Bools, Bytes, TaxelStatus, plausible_temperature
 
 LEAST_VOTES = 100  # readings
+STUCK_AFTER = 10  # identical readings in a row
+STUCK_CHANCE = 1e-6  # that noise alone makes such a run
+MARGIN = 0.02  # share of the range at its ends that counts as saturated
+JUMP = 0.5  # of the range: the largest change from one reading to the next that is trusted
 
 
 def measured_temperature(chips: Array) -> Array:
@@ -25,30 +29,22 @@ def measured_temperature(chips: Array) -> Array:
 class StuckDetector:
     """Runs of identical readings of t taxels, judged by how often each repeated itself before.
 
-    A taxel is stuck after `stuck_after` identical readings in a row, or its reading stale, where
-    that run of repeats is less probable than `stuck_chance` or `stale_chance`, from the repeats
-    that it had before. Runs of stuck taxels are not learnt. A repeat counts only where at least
-    the share `others` of all taxels changed: a board that is still as a whole says nothing about
-    one taxel. One that has not changed `least_changes` times yet may rest since the start.
+    A taxel is stuck after `STUCK_AFTER` identical readings in a row, or its reading stale, where
+    its own repeats before make that run less probable than `STUCK_CHANCE` or `stale_chance`. A
+    repeat counts only where at least the share `others` of all taxels changed; a taxel that has
+    not changed `least_changes` times yet may rest since the start. Runs of stuck taxels are not
+    learnt.
 
     Notes
     -----
-    The probability of a repeat is the larger of two shares: repeats among all readings, and
-    repeats among those that follow a repeat, since a taxel that rests between touches has few long
-    runs.
+    The probability of a repeat is the larger of two shares: among all readings, and among those
+    that follow a repeat, since a taxel that rests between touches has few long runs.
     """
 
     def __init__(
-        self,
-        taxels: int,
-        stuck_after: int = 10,
-        stuck_chance: float = 1e-6,
-        others: float = 0.0,
-        stale_chance: float = 1e-3,
-        least_changes: int = 0,
+        self, taxels: int, others: float = 0.0, stale_chance: float = 1e-3, least_changes: int = 0
     ) -> None:
-        self._stuck_after = stuck_after
-        self._log_stuck = np.log(stuck_chance)
+        self._log_stuck = np.log(STUCK_CHANCE)
         self._log_stale = np.log(stale_chance)
         self._others = others * taxels
         self._least_changes = least_changes
@@ -67,8 +63,8 @@ class StuckDetector:
     ) -> Bools:
         """Take the next readings (t, c), as sent; the taxels (t,) that repeat their last one.
 
-        `measured`, shape (t,), are the taxels that were read; None: all. A repeat counts only
-        where it is `informative`, as it is not at the ends of the range.
+        Only taxels `measured` (t,) were read; None: all. At the ends of the range a repeat is not
+        `informative` and does not count.
         """
         if self._readings is None:
             self._readings = readings.copy()
@@ -108,7 +104,7 @@ class StuckDetector:
 
     def stuck(self) -> Bools:
         """Taxels, shape (t,), whose run of repeats is longer than their own noise explains."""
-        return self._unlikely(self._log_stuck) & (self._run + 1 >= self._stuck_after)
+        return self._unlikely(self._log_stuck) & (self._run + 1 >= STUCK_AFTER)
 
     def _unlikely(self, log_chance: float) -> Bools:
         """Taxels whose run is less probable than that."""
@@ -119,39 +115,21 @@ class StuckDetector:
 
 
 class ChipFaultDetector:
-    """Flags of t three-axis chips, each judged by its own readings before.
-
-    Codes wrap at `full_scale`, shape (3,) (T); a `margin`, share of the range at its ends, counts
-    as saturated; `jump`, a share of it, is the largest change from one reading to the next that is
-    trusted. For `stuck_after` and `stuck_chance` see `StuckDetector`.
+    """Flags of t three-axis chips by their own readings; codes wrap at `full_scale` (3,) (T).
 
     Notes
     -----
-    A chip's code wraps beyond its range instead of clipping: a reading far outside looks like one
-    inside, and only the way there distinguishes them. A chip whose reading jumped stays WRAPPED
-    until it reads near its last trusted value again, or has read elsewhere more often in a row
-    than it was ever trusted (and 100 times at least), or `forget` is called: nothing else
-    distinguishes a wrap from a magnet that was put on.
+    A code wraps beyond its range instead of clipping: only the way there tells a reading far
+    outside from one inside. A chip whose reading jumped stays WRAPPED until it reads near its last
+    trusted value again, has read elsewhere more often in a row than it was ever trusted (and 100
+    times at least), or `forget` is called: nothing else tells a wrap from a magnet that was put
+    on.
     """
 
-    def __init__(
-        self,
-        taxels: int,
-        full_scale: Array,
-        margin: float = 0.02,
-        jump: float = 0.5,
-        stuck_after: int = 10,
-        stuck_chance: float = 1e-6,
-    ) -> None:
-        if not (0 <= margin < 1 and 0 < jump <= 1 and stuck_after > 1 and 0 < stuck_chance < 1):
-            msg = (
-                'margin, jump and stuck_chance of ChipFaultDetector must be shares and '
-                f'stuck_after 2 or more; received {margin}, {jump}, {stuck_chance}, {stuck_after}'
-            )
-            raise ValueError(msg)
-        self._limit = full_scale * (1 - margin)
-        self._jump = full_scale * jump
-        self._stuck = StuckDetector(taxels, stuck_after, stuck_chance)
+    def __init__(self, taxels: int, full_scale: Array) -> None:
+        self._limit = full_scale * (1 - MARGIN)
+        self._jump = full_scale * JUMP
+        self._stuck = StuckDetector(taxels)
         self._trusted = np.full((taxels, 3), np.nan)
         self._votes_for = np.zeros(taxels, np.int64)
         self._votes_against = np.zeros(taxels, np.int64)
@@ -165,10 +143,10 @@ class ChipFaultDetector:
     def status(
         self, codes: npt.NDArray[np.uint16], values: Array, measured: Bools, fresh: Bools
     ) -> Bytes:
-        """Bits of `TaxelStatus`, shape (t,), of one frame; 0 for chips that were not read.
+        """Bits of `TaxelStatus` (t,) of one frame; 0 for chips that were not read.
 
-        `codes`, shape (t, c), are as the chips sent them, `values`, shape (t, 3), the same as
-        fields (T); `measured` (t,) were read, `fresh` (t,) had time for a new measurement since.
+        `codes` (t, c) as the chips sent them and `values` (t, 3), the same as fields (T);
+        `measured` (t,) were read, `fresh` (t,) had time for a new measurement.
         """
         saturated = (np.abs(values) >= self._limit).any(axis=1)
         wrapped = self._wrapped(values, measured & ~saturated)

@@ -1,10 +1,8 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Our framed serial protocol: sync, kind, length, sequence, device time, payload, CRC-32.
 
-docs/serial_protocol.md describes the bytes. `encode` writes frames; `FramedDecoder` finds them in
-a stream, counts those that are lost and resynchronises after damage. A decoder waits for one
-payload, so the first eight bytes of its frames are given and no damaged length makes it wait.
-Port and baud rate are settings of `connections.FramedConnection`.
+docs/serial_protocol.md describes the bytes. A decoder waits for one payload, so the first eight
+bytes of its frames are given and no damaged length makes it wait.
 """
 
 from __future__ import annotations
@@ -58,14 +56,8 @@ class Kind(IntEnum):
 class Payload:
     """One kind of readings, as integer counts.
 
-    Attributes
-    ----------
-    kind : Kind
-        Its number on the wire.
-    count, channels : int
-        Pixels, taxels or chips (t), and counts of each (c).
-    full_count : int
-        Magnitude at which the converter clips.
+    `kind` is its number on the wire; pixels, taxels or chips are its `count` (t), counts of each
+    its `channels` (c); at `full_count` the converter clips.
     """
 
     kind: Kind
@@ -167,13 +159,11 @@ def encode(
     Parameters
     ----------
     counts : array_like of int, shape (t, c) or (s, t, c)
-        Counts of the converter, clipped to its range.
+        Clipped to the converter's range.
     sequence, time_us : int, array_like of int, broadcast to (s,)
         Of the first frame; the board's clock (microseconds). Both wrap at 2^32.
-    temperature_c : array_like, broadcast to (s, t)
-        Chip temperature (degrees Celsius), where the kind carries it; NaN: not measured.
-    states : array_like of int, broadcast to (s, t)
-        Of chips: 0 new reading, 1 the same reading as before, 2 no answer.
+    temperature_c, states : array_like, broadcast to (s, t)
+        Of chips (degrees Celsius), NaN: not measured; 0 new reading, 1 the same as before, 2 none.
     """
     table = np.asarray(counts, np.int64)
     if table.ndim not in (2, 3) or table.shape[-2:] != (payload.count, payload.channels):
@@ -216,17 +206,14 @@ def _groups_of_four(table: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
 
 
 def pack_bits(counts: npt.NDArray[np.uint16]) -> Bytes:
-    """Inverse of `unpack_bits`: counts (s, t) to bytes (s, 5 n), the last group filled with 0."""
+    """Counts (s, t) as bytes (s, 5 n), the last group filled with 0."""
     four = _groups_of_four(counts.astype(np.int64))
     bits = four[..., None] >> np.arange(TAXEL_BITS) & 1
     return np.packbits(bits.reshape(len(counts), -1).astype(bool), axis=1, bitorder='little')
 
 
 def unpack_bits(packed: Bytes, count: int) -> npt.NDArray[np.uint16]:
-    """First `count` 10 bit counts, shape (s, t), of bytes (s, 5 n), lowest bit first.
-
-    Count i is bits 10 i to 10 i + 9 of the byte string: four counts in five bytes.
-    """
+    """First `count` 10 bit counts (s, t) of bytes (s, 5 n), lowest bit first."""
     samples, groups = len(packed), packed.shape[1] // 5
     five = packed.reshape(samples, groups, 5).astype(np.uint16)
     shifts = np.arange(0, 8, 2, dtype=np.uint16)
@@ -243,11 +230,11 @@ class Decoded(NamedTuple):
     counts : ndarray, shape (s, t, c)
         Integers as float64; NaN for chips that did not answer.
     temperature_c : ndarray, shape (s, t), or None
-        Chip temperature (degrees Celsius), NaN where not measured; None: none in this payload.
+        Of the chips (degrees Celsius), NaN: not measured; None: none in this payload.
     status : ndarray, shape (s, t)
         SATURATED at the converter's own limit, STALE and ERROR as the board says.
     time_us, lost : list of int
-        The board's clock at each (microseconds), which wraps at 2^32; frames known lost before it.
+        The board's clock (microseconds), which wraps at 2^32; frames known lost before each.
     """
 
     counts: Array
@@ -277,13 +264,10 @@ class FramedCounts:
 class FramedDecoder:
     """Bytes in, frames of `payload` out; the same frames however the bytes are cut.
 
-    `foreign` is the foreign frame that came last since the last `reset`, in words, empty: none;
-    `foreign_frames` came since the last good frame.
-
-    Every place where the head of `payload` stands is tried, also inside a frame whose CRC failed,
-    so that damage costs no good frame. The bytes between good frames are searched for foreign
-    frames apart from that (`_skip`), which never delays a good one. At most one frame, and one
-    foreign frame, is held back.
+    `foreign` is the foreign frame that came last since `reset`, in words; `foreign_frames` came
+    since the last good frame. Every place where the head of `payload` stands is tried, also inside
+    a frame whose CRC failed, so that damage costs no good frame; foreign frames are searched apart
+    from that and never delay one.
     """
 
     def __init__(self, payload: Payload) -> None:

@@ -1,8 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""MLX90393 magnetometer: commands, registers, timing and scaling of its datasheet; one chip.
-
-`ChipPlace` is the address of a chip, perhaps behind a TCA9548A switch (`Switches`).
-"""
+"""MLX90393 magnetometer: commands, registers, timing and scaling of its datasheet; one chip."""
 
 from __future__ import annotations
 
@@ -29,7 +26,6 @@ DEFAULT_ADDRESS = 0x0C
 MUX_ADDRESSES = range(0x70, 0x78)
 CHANNELS = range(8)
 TREF_REGISTER = 0x24
-OFFSET_REGISTERS = (0x04, 0x05, 0x06)
 GAINS = np.array([5.0, 4.0, 3.0, 2.5, 2.0, 5 / 3, 4 / 3, 1.0])  # of GAIN_SEL 0..7
 # T/LSB of x, y, z at GAIN_SEL 7 and resolution 0, by HALLCONF
 TESLA_PER_LSB = {0x0: (0.1573e-6, 0.1573e-6, 0.2534e-6), 0xC: (0.1502e-6, 0.1502e-6, 0.242e-6)}
@@ -47,14 +43,11 @@ class Command(IntEnum):
 
     NOP = 0x00
     START_BURST = 0x10
-    START_WAKE = 0x20
     START_SINGLE = 0x30
     READ = 0x40
     READ_REGISTER = 0x50
     WRITE_REGISTER = 0x60
     EXIT = 0x80
-    RECALL = 0xD0
-    STORE = 0xE0
     RESET = 0xF0
 
 
@@ -65,10 +58,8 @@ class Status(IntEnum):
     """Bits of the byte that answers every command; the two lowest count answer bytes."""
 
     BURST = 0x80
-    WAKE = 0x40
     SINGLE = 0x20
     ERROR = 0x10  # command refused, or data read before they were ready
-    CORRECTED = 0x08
     RESET = 0x04
 
 
@@ -101,10 +92,7 @@ RES_X, RES_Y, RES_Z = (RegisterField(0x02, shift, 2) for shift in (5, 7, 9))
 
 @dataclass(frozen=True)
 class ChipSettings:
-    """Settings of a chip; ValueError where a value is out of range or a combination is forbidden.
-
-    `FORBIDDEN_FILTERS` are from users' reports: set `any_filter` where a datasheet differs.
-    """
+    """Settings of a chip; ValueError where a value or a combination is forbidden."""
 
     gain: int = whole(1, 'GAIN_SEL; 0 has the largest range, 7 the finest step', 0, 7)
     resolution: tuple[int, ...] = whole_numbers(
@@ -113,12 +101,7 @@ class ChipSettings:
     digital_filter: int = whole(2, 'DIG_FILT; more is slower and has less noise', 0, 7)
     oversampling: int = whole(0, 'OSR; more is slower and has less noise', 0, 3)
     temperature: bool = switch(True, 'read the temperature with every sample')
-    temperature_oversampling: int = whole(0, 'OSR2', 0, 3)
     hallconf: int = whole(0xC, 'HALLCONF, 12 (factory) or 0', 0, 0xC)
-    temperature_compensation: bool = switch(
-        False, 'TCMP_EN, the chip corrects its sensitivity; resolutions 0 and 1 only'
-    )
-    any_filter: bool = switch(False, 'allow filters that were reported to convert wrongly')
 
     def __post_init__(self) -> None:
         """Refuse what the chip cannot do; warn of what it does badly."""
@@ -127,12 +110,7 @@ class ChipSettings:
         msg = ''
         if self.hallconf not in TESLA_PER_LSB:
             msg = f'hallconf of ChipSettings must be 0 or 12; received {self.hallconf}'
-        elif self.temperature_compensation and max(self.resolution) > 1:
-            msg = (
-                'resolution of ChipSettings must be 0 or 1 with temperature compensation; '
-                f'received {self.resolution}'
-            )
-        elif self.hallconf == 0xC and pair in FORBIDDEN_FILTERS and not self.any_filter:
+        elif self.hallconf == 0xC and pair in FORBIDDEN_FILTERS:
             msg = (
                 'digital_filter and oversampling of ChipSettings must not be '
                 f'{" or ".join(map(str, FORBIDDEN_FILTERS))} at HALLCONF 0xC; received {pair}'
@@ -156,7 +134,7 @@ class ChipSettings:
     @property
     def conversion_s(self) -> float:
         """Nominal time of one measurement (s)."""
-        osr2 = self.temperature_oversampling if self.temperature else None
+        osr2 = 0 if self.temperature else None
         return conversion_time(self.oversampling, self.digital_filter, 3, osr2)
 
     @property
@@ -173,30 +151,20 @@ class ChipSettings:
     @property
     def fields(self) -> tuple[tuple[RegisterField, int], ...]:
         """Values that the registers need; all other bits are the factory's."""
-        plain = (
-            (HALLCONF, self.hallconf),
-            (GAIN_SEL, self.gain),
-            (BURST_DATA_RATE, 0),
-            (TCMP_EN, int(self.temperature_compensation)),
-            (OSR, self.oversampling),
-            (DIG_FILT, self.digital_filter),
-            *zip((RES_X, RES_Y, RES_Z), self.resolution, strict=True),
-            (OSR2, self.temperature_oversampling),
-        )
-        if not self.temperature_compensation:
-            return plain
-        # codes are centred on 0x8000 then, and so are the offsets
-        return plain + tuple((RegisterField(i, 0, 16), 0x8000) for i in OFFSET_REGISTERS)
+        return (
+            (HALLCONF, self.hallconf), (GAIN_SEL, self.gain), (BURST_DATA_RATE, 0), (TCMP_EN, 0),
+            (OSR, self.oversampling), (DIG_FILT, self.digital_filter),
+            *zip((RES_X, RES_Y, RES_Z), self.resolution, strict=True), (OSR2, 0),
+        )  # fmt: skip
 
 
 def conversion_time(
     oversampling: int, digital_filter: int, magnetic_axes: int = 3,
     temperature_oversampling: int | None = None,
 ) -> float:  # fmt: skip
-    """Nominal time of one measurement (s); oscillators differ by a few percent.
+    """Nominal time of one measurement (s), within 0.01 ms of the datasheet's table.
 
-    `temperature_oversampling` (OSR2) is None where the temperature is not measured. Reproduces the
-    datasheet's table of x, y, z conversions within 0.01 ms.
+    `temperature_oversampling` (OSR2) is None where the temperature is not measured.
     """
     axis = 0.067 + 0.064 * (1 << oversampling) * (2 + (1 << digital_filter))
     total = 0.49 + magnetic_axes * axis
@@ -212,18 +180,13 @@ def tesla_per_lsb(gain: int, resolution: tuple[int, ...], hallconf: int = 0xC) -
 
 
 class Decoder:
-    """Answers of many chips to READ, as numbers.
-
-    `tref`, shape (t,), are the reference words of the thermometers, from register 0x24.
-    """
+    """Answers of many chips to READ, as numbers; `tref` (t,) are thermometers' reference words."""
 
     def __init__(self, settings: ChipSettings, tref: npt.ArrayLike) -> None:
         self._size = settings.answer_bytes
         self._first = first = int(settings.temperature)
-        # resolutions 0 and 1 are two's complement, 2 and 3 and compensated codes are offset
+        # resolutions 0 and 1 are two's complement, 2 and 3 are offset
         zero = CODE_OF_ZERO[list(settings.resolution)]
-        if settings.temperature_compensation:
-            zero = np.full(3, 0x8000)
         self._added = np.zeros(first + 3, np.uint16)  # modulo 2^16
         self._added[first:] = np.where(zero == 0, 0x8000, 0)
         self._subtracted = np.empty((np.size(tref), first + 3))
@@ -244,10 +207,7 @@ class Decoder:
         return rows[:, 0], codes
 
     def values(self, codes: Words) -> tuple[Array, Array | None]:
-        """Flux density, shape (t, 3) (T), and temperature, shape (t,) (degrees Celsius) or None.
-
-        Codes are those of `words`: t, x, y, z, or x, y, z.
-        """
+        """Flux density (t, 3) (T), and temperature (t,) (degrees Celsius) or None, of codes."""
         table: Array = (codes + self._added).astype(np.float64)
         table -= self._subtracted
         table *= self._step
@@ -258,10 +218,7 @@ class Decoder:
 
 @dataclass(frozen=True)
 class ChipPlace:
-    """Address of a chip: its own, the number of its bus, and the switch and channel it is behind.
-
-    A chip directly on the bus has neither switch (0x70 to 0x77) nor channel (0 to 7).
-    """
+    """Address of a chip: its own, its bus's number, the switch and channel it is behind."""
 
     address: int = DEFAULT_ADDRESS
     bus: int = 0
@@ -299,11 +256,7 @@ def clusters(count: int = 5, chips: int = 4, mux: int = 0x70, bus: int = 0) -> l
 
 
 def refuse_conflicts(places: Sequence[ChipPlace]) -> None:
-    """Refuse places of which two would answer at once: a ValueError.
-
-    Two chips that share a place, or one directly on a bus with the address of one behind a switch
-    or of a switch.
-    """
+    """Refuse places of which two would answer at once: a ValueError."""
     direct = [(place.bus, place.address) for place in places if place.mux is None]
     switches = {(place.bus, place.mux) for place in places}
     for i, place in enumerate(places):
@@ -314,10 +267,7 @@ def refuse_conflicts(places: Sequence[ChipPlace]) -> None:
 
 
 class Switches:
-    """The switches of one bus: opens one channel of one of them, and writes only what changes.
-
-    `places` are all chips of the bus.
-    """
+    """The switches of one bus, for chips at `places`: writes only what changes."""
 
     def __init__(self, bus: I2cBus, places: Sequence[ChipPlace] = ()) -> None:
         self._bus = bus

@@ -1,11 +1,10 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Wire format of the ReSkin / AnySkin board: N x float32 (t, x, y, z), little-endian, then CR LF.
 
-The format has no header, checksum, counter or clock. A frame of N chips is 16 N + 2 bytes; t is in
-degrees Celsius, x, y, z in microtesla. `encode` writes frames; `ReskinDecoder` finds them in a
-stream, counts those that are lost and resynchronises after damage: to lock on takes three frames
-in a row; after damage one is enough, since its length is verified at both ends. Not detected are
-damage that keeps length, CR LF and plausibility, and whole frames that never arrived.
+No header, checksum, counter or clock. A frame of N chips is 16 N + 2 bytes; t is in degrees
+Celsius, x, y, z in microtesla. To lock on takes three frames in a row; after damage one is enough,
+since its length is verified at both ends. Not detected are damage that keeps length, CR LF and
+plausibility, and whole frames that never arrived.
 """
 
 from __future__ import annotations
@@ -62,8 +61,7 @@ def frame_bytes(chips: int) -> int:
 def encode(values: npt.ArrayLike, temperature_c: npt.ArrayLike = 25.0) -> bytes:
     """Write frames as the board does, of values (t, 3) or (s, t, 3) (T).
 
-    `temperature_c` of the chips (degrees Celsius) is broadcast to (s, t). A ValueError refuses
-    another shape.
+    `temperature_c` (degrees Celsius) is broadcast to (s, t). A ValueError refuses another shape.
     """
     table = np.asarray(values, np.float64)
     if table.ndim not in (2, 3) or table.shape[-1] != 3:
@@ -101,10 +99,10 @@ def readings(patterns: Words, error: Bools | None = None) -> tuple[Array, Array]
 def plausible(patterns: Words, quantum: Array | None = None) -> Bools:
     """Chips (s, t) whose readings, patterns (s, t, 4), can be.
 
-    Those are finite, |B| < 150 mT, -40 < t < 125, 0 or at least 1e-6 uT, and on the grid of
-    `quantum`, shape (3,), the step of the chips' readings (T), where it is given. Patterns are
-    compared as integers, which orders them as the numbers and is silent on NaN. Misaligned frames
-    seldom pass: CR LF as the upper half of a float32 is 7e-33.
+    Finite, |B| < 150 mT, -40 < t < 125, 0 or at least 1e-6 uT, and on the grid of `quantum` (3,),
+    the step of the chips' readings (T), where given. Patterns are compared as integers, which
+    order as the numbers and are silent on NaN. Misaligned frames seldom pass: CR LF as the upper
+    half of a float32 is 7e-33.
     """
     magnitude = patterns & _MAGNITUDE
     fits = (magnitude - _SMALLEST) < _SPAN
@@ -168,10 +166,10 @@ class _Start(NamedTuple):
 class _Windows:
     """Windows of a frame's length that end in CR LF: the evidence for where frames begin.
 
-    Evidence is also plausible fields, and a start verified by the CR LF of the frame before it or
-    by being one of the offsets `verified`. Chips that are `faulty`, shape (t,), always pass.
-    Starts are taken in the order in which the bytes show them, so that the outcome does not depend
-    on how the bytes were cut.
+    Evidence is also plausible fields, and a start verified by the CR LF before it or by being one
+    of the offsets `verified`. Chips that are `faulty` (t,) always pass. Starts are taken in the
+    order in which the bytes show them, so that the outcome does not depend on how the bytes were
+    cut.
     """
 
     def __init__(
@@ -189,10 +187,7 @@ class _Windows:
         self._led[verified] = True
 
     def start(self, length: int, synchronised: bool) -> _Start | None:
-        """Earliest start that `length` bytes show; None when there is none yet.
-
-        After frames that were delivered (`synchronised`) one frame is enough to go on.
-        """
+        """Earliest start that `length` bytes show, or None; `synchronised`: one is enough."""
         if not len(self._offsets):
             return None
         starts = self._resume() if synchronised else self._lock_on()
@@ -259,12 +254,10 @@ class Decoded(NamedTuple):
 class ReskinDecoder:
     """Bytes in, frames of 1 to 64 chips out; the same frames however the bytes are cut.
 
-    `quantum`, shape (3,), is the step of the chips' readings (T), where it is exact: it detects
-    most flipped bits.
-
-    A frame with an implausible chip is not delivered, since the damage may extend further than
-    what can be seen. A chip that is implausible in three frames in a row, while most others are
-    not, is faulty: those and all later frames are delivered, with NaN and `error` wherever it is
+    `quantum` (3,) is the step of the chips' readings (T), where it is exact: it detects most
+    flipped bits. A frame with an implausible chip is not delivered, since the damage may extend
+    further. A chip that is implausible in three frames in a row, while most others are not, is
+    faulty: those and all later frames are delivered, with NaN and `error` wherever it is
     implausible.
     """
 

@@ -1,10 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Boards on serial ports: bytes to frames, through unplugging, damage and loss.
-
-`SerialBoard` reconnects, numbers the frames and counts those that are lost; `ReskinBoard` is the
-ReSkin / AnySkin board, `FramedBoard` one of the framed protocol (docs/serial_protocol.md),
-`LineBoard` one that prints text.
-"""
+"""Boards on serial ports: bytes to frames, through unplugging, damage and loss."""
 
 from __future__ import annotations
 
@@ -42,14 +37,15 @@ OTHERS = 0.5
 # changes after which a board of one converter has not rested since it was opened
 LIVELY = 10
 ROUNDING = 1e-9  # share of a limit
+# readings that a board of the framed protocol counts by their mark
+MARKS = {
+    'saturated': TaxelStatus.SATURATED, 'stale': TaxelStatus.STALE, 'stuck': TaxelStatus.STUCK,
+}  # fmt: skip
 FALSE_ALARM = 1e-6  # largest probability with which noise alone explains a board that stands still
 
 
 def check_uart(what: str, size: int, rate_hz: float, baud: int) -> None:
-    """Refuse frames of `size` bytes that a UART cannot carry, naming the baud rate that is enough.
-
-    A rate that is NaN is not checked.
-    """
+    """Refuse frames of `size` bytes that a UART cannot carry at a rate, NaN: not checked."""
     needed, carried = size * rate_hz, baud / BITS_PER_BYTE
     if needed > carried:
         msg = (
@@ -61,36 +57,36 @@ def check_uart(what: str, size: int, rate_hz: float, baud: int) -> None:
         raise ValueError(msg)
 
 
+def _arrival_time(layout: Layout) -> ArrivalTime:
+    rate_hz = layout.rate_hz if layout.rate_hz > 0 else NOMINAL_RATE_HZ
+    return ArrivalTime(max(1, round(1e9 / rate_hz)))
+
+
 class SerialBoard(Closing, Device):
     """A board that sends frames without being asked, on a port that may be unplugged.
 
     Parameters
     ----------
-    port, layout : str, Layout
-        Device path; layout of the sensor.
-    decoder : ReskinDecoder, FramedDecoder or LineDecoder
-        Finds frames in the bytes.
-    stuck : StuckDetector
-        Of the taxels.
+    port, layout, decoder, stuck, time_of
+        Device path; layout of the sensor; what finds frames in bytes, judges taxels, gives stamps.
     baud, native_usb : int, bool
-        Baud rate, which means nothing where the port is USB from end to end: its capacity is not
-        checked then and no time on the wire is taken off the stamps. A ValueError says that the
-        port cannot carry the frames at the layout's rate.
+        Baud rate, which means nothing where the port is USB from end to end: neither its capacity
+        is checked then (ValueError) nor time on the wire taken off the stamps.
     clock : callable
         Gives the stamps (ns).
     """
 
     def __init__(
         self, port: str, layout: Layout, decoder: ReskinDecoder | FramedDecoder | LineDecoder,
-        stuck: StuckDetector, baud: int, native_usb: bool, clock: Callable[[], int],
+        stuck: StuckDetector, time_of: ArrivalTime | DeviceTime, baud: int, native_usb: bool,
+        clock: Callable[[], int],
     ) -> None:  # fmt: skip
         if not native_usb:
             check_uart(f'frames of {decoder.content}', decoder.size, layout.rate_hz, baud)
         self._layout = layout
         self._port = SerialPort(port, baud)
-        self._stream = decoder
-        self._stuck = stuck
-        self._frozen = StuckDetector(1, stuck_chance=FALSE_ALARM, stale_chance=FALSE_ALARM)
+        self._stream, self._stuck, self._time_of = decoder, stuck, time_of
+        self._frozen = StuckDetector(1, stale_chance=FALSE_ALARM)
         self._clock = clock
         self._age_ns = 0 if native_usb else round(decoder.size * BITS_PER_BYTE / baud * 1e9)
         self._frames: deque[Frame] = deque()
@@ -101,8 +97,7 @@ class SerialBoard(Closing, Device):
         self._counts = {'dropped': 0, 'reconnects': 0, 'temperatures_refused': 0}
         self._closed = False
         self._failure = ''
-        self._retry_s = 0.0
-        self._retry_at = 0.0
+        self._retry_s = self._retry_at = 0.0
 
     @property
     def layout(self) -> Layout:
@@ -112,9 +107,10 @@ class SerialBoard(Closing, Device):
     def counters(self) -> dict[str, int]:
         """Frames, losses and damage since the driver was made, by name.
 
-        `dropped` has those of the decoder and one at least for each of the `reconnects`.
+        `dropped` has those of the decoder and one at least for each of the `reconnects`;
+        `suspected` frames are missing by the clock alone.
         """
-        return {**asdict(self._stream.counts), **self._counts}
+        return {**asdict(self._stream.counts), **self._counts, **self._time_of.counters()}
 
     def __enter__(self: Own) -> Own:
         """Open."""
@@ -134,6 +130,7 @@ class SerialBoard(Closing, Device):
         self._stream.reset()
         self._stuck.forget()
         self._frozen.forget()
+        self._time_of.restart()
         self._restart()
 
     def close(self) -> None:
@@ -145,9 +142,9 @@ class SerialBoard(Closing, Device):
     def read(self, timeout: float) -> Frame:
         """Wait at most `timeout` (s) for the next frame, and for the port where it is unplugged.
 
-        A DeviceTimeout says why none came in time: a port that is gone is opened again by the next
-        calls, with growing pauses of at most 0.5 s. A DeviceError says that what comes is another
-        stream than this board's, or that it was closed.
+        A DeviceTimeout says why none came: a port that is gone is tried again with growing pauses
+        of at most 0.5 s. A DeviceError says that another stream comes than this board's, or that
+        it was closed.
         """
         deadline = time.monotonic() + timeout
         while not self._frames:
@@ -171,9 +168,8 @@ class SerialBoard(Closing, Device):
     def feed(self, data: bytes) -> None:
         """Queue the frames that end in bytes that have just come, by the port or in its place."""
 
-    @abstractmethod
     def _restart(self) -> None:
-        """Forget the stream of before."""
+        """Forget more of the stream of before."""
 
     @abstractmethod
     def _silence(self, timeout: float) -> DeviceError:
@@ -202,10 +198,7 @@ class SerialBoard(Closing, Device):
         return b''
 
     def _repeats(self, readings: Array) -> Bytes:
-        """Bits (s, t) of chips that repeat themselves, or of all where the board does.
-
-        Nothing but a processor that hangs sends all chips again and again to the last bit.
-        """
+        """Bits (s, t) of chips that repeat themselves, or of all where the board does."""
         whole = np.nan_to_num(readings, nan=-1.0).reshape(len(readings), 1, -1)
         dead = (readings == 0).all(axis=(1, 2))[:, None] * np.uint8(TaxelStatus.DEAD)
         repeats = self._stuck.follow_frames(readings) | self._frozen.follow_frames(whole)
@@ -257,19 +250,18 @@ class ReskinBoard(SerialBoard):
     quantum : array_like, shape (3,), or None
         Step of the chips' readings (T), where it is exact; detects most flipped bits.
     mark_repeats : bool
-        Mark readings that are equal to the last bit to the frame before as STALE. For boards that
-        poll faster than their chips convert; a coarse recording at rest repeats itself honestly.
+        Mark frames that repeat the one before as STALE: for boards that poll faster than chips
+        convert.
     conversion_s : float
         Time in which a chip measures (s); half of it is taken off the stamps. 0: unknown.
 
     Notes
     -----
     A stamp is the arrival of the frame's last byte less its time on the wire and half of
-    `conversion_s`; the board has no clock. `sequence` grows by one a frame and by the frames known
-    lost: bytes skipped over the length of a frame, at least one for a reconnection. Whole frames
-    that a board never sent cannot be known; `counters()['suspected']` compares stamps with their
-    usual spacing: a paused host or board looks the same, so those are not part of `sequence`.
-    Chips that repeat themselves bit for bit among others that change are STALE, and STUCK when it
+    `conversion_s`. `sequence` grows by one a frame and by the frames known lost: bytes skipped
+    over the length of a frame, at least one for a reconnection. `counters()['suspected']` compares
+    stamps with their usual spacing: a paused host looks the same, so those are not part of
+    `sequence`. Chips that repeat themselves among others that change are STALE, and STUCK when it
     lasts.
     """
 
@@ -284,21 +276,15 @@ class ReskinBoard(SerialBoard):
             msg = f'layout of a ReSkin board must have 3 channels; received {channels}'
             raise ValueError(msg)
         self._decoder = ReskinDecoder(taxels, quantum)
+        self._time = _arrival_time(layout)
         stuck = StuckDetector(taxels, others=OTHERS)
-        super().__init__(port, layout, self._decoder, stuck, baud, native_usb, clock)
+        super().__init__(port, layout, self._decoder, stuck, self._time, baud, native_usb, clock)
         self._age_ns += round(conversion_s / 2 * 1e9)
         self._temperature_measured = temperature_measured
         self._mark_repeats = mark_repeats
-        rate_hz = layout.rate_hz if layout.rate_hz > 0 else NOMINAL_RATE_HZ
-        self._time = ArrivalTime(max(1, round(1e9 / rate_hz)))
         self._last = np.full((1, taxels, 4), np.nan)
 
-    def counters(self) -> dict[str, int]:
-        """See `SerialBoard.counters`; `suspected` frames are missing by the clock alone."""
-        return {**super().counters(), 'suspected': self._time.suspected}
-
     def _restart(self) -> None:
-        self._time.restart()
         self._last[:] = np.nan
 
     def feed(self, data: bytes) -> None:
@@ -349,13 +335,11 @@ class FramedBoard(SerialBoard):
 
     Notes
     -----
-    Stamps follow the board's clock, tied to `clock` by the promptest frames (`DeviceTime`), less
-    the frame's time on the wire. `Frame.sequence` starts at 0 and grows by one a frame and by
-    those that the board's own counter says are lost, one at least for a reconnection or restart.
-    Pixels and chips that repeat themselves bit for bit among others that change are STALE, and
-    STUCK when it lasts. A taxel or wire may rest on one count; all of them together repeat
-    themselves only where their one converter has frozen, or where nothing touches and all are at
-    an end of its range, which is not judged.
+    Stamps follow the board's clock (`DeviceTime`), less the frame's time on the wire. `sequence`
+    grows by one a frame and by those that the board's own counter says are lost, one at least for
+    a reconnection or restart. Pixels and chips that repeat themselves among others that change are
+    STALE, and STUCK when it lasts. Taxels of one converter are judged together, and not where all
+    are at an end of its range: nothing may touch.
     """
 
     def __init__(
@@ -374,25 +358,16 @@ class FramedBoard(SerialBoard):
         stuck = StuckDetector(payload.count, others=OTHERS)
         if payload.one_converter:
             stuck = StuckDetector(1, least_changes=LIVELY)
-        super().__init__(port, layout, self._decoder, stuck, baud, native_usb, clock)
-        self._scale = np.broadcast_to(np.asarray(scale, np.float64), layout.shape).copy()
         rate_hz = layout.rate_hz
         period_ns = round(1e9 / rate_hz) if math.isfinite(rate_hz) and rate_hz > 0 else 0
         self._time = DeviceTime(period_ns)
-        self._bytes_came = False
-        self._foreign_reported = False
-        self._marked = {'saturated': 0, 'stale': 0, 'stuck': 0}
-
-    def counters(self) -> dict[str, int]:
-        """See `SerialBoard.counters`; also jumps of the clock, and readings by their mark."""
-        jumps, steps, stalls = self._time.clock_jumps, self._time.clock_steps, self._time.stalls
-        clock = {'clock_jumps': jumps, 'clock_steps': steps, 'stalls': stalls}
-        return {**super().counters(), **clock, **self._marked}
+        super().__init__(port, layout, self._decoder, stuck, self._time, baud, native_usb, clock)
+        self._scale = np.broadcast_to(np.asarray(scale, np.float64), layout.shape).copy()
+        self._counts.update(dict.fromkeys(MARKS, 0))
+        self._restart()
 
     def _restart(self) -> None:
-        self._time.restart()
-        self._bytes_came = False
-        self._foreign_reported = False
+        self._bytes_came = self._foreign_reported = False
 
     def feed(self, data: bytes) -> None:
         """See `SerialBoard.feed`; DeviceError, once, where frames of another kind come."""
@@ -421,9 +396,8 @@ class FramedBoard(SerialBoard):
         if any(repeated):
             status |= np.array(repeated)[:, None] * np.uint8(TaxelStatus.STALE)
         if status.any():
-            for name in self._marked:
-                bit = np.uint8(TaxelStatus[name.upper()])
-                self._marked[name] += int(np.count_nonzero(status & bit))
+            for name, bit in MARKS.items():
+                self._counts[name] += int(np.count_nonzero(status & np.uint8(bit)))
         return status
 
     def _foreign(self) -> str:
@@ -445,19 +419,10 @@ class FramedBoard(SerialBoard):
 class LineBoard(SerialBoard):
     """A board that prints the numbers of a frame in one line of text, as a `Device`.
 
-    Parameters
-    ----------
-    port, layout, baud, native_usb, clock
-        As in `SerialBoard`; a line has the channels of the first taxel, then those of the second.
-    scale : array_like, broadcast to (t, c)
-        Unit of the layout per printed number.
-
-    Notes
-    -----
-    A stamp is the arrival of the line's end less the time of a usual line on the wire.
-    `Frame.sequence` grows by one a line and by those that could not be read, at least one for a
-    reconnection; `counters()['suspected']` as in `ReskinBoard`. One converter reads all taxels: a
-    board that repeats itself is judged as in `FramedBoard`.
+    A line has the channels of the first taxel, then those of the second; `scale`, broadcast to (t,
+    c), is the unit of the layout per printed number. Stamps and `suspected` as in `ReskinBoard`;
+    `sequence` grows by one a line and by those that could not be read. Judged together as in
+    `FramedBoard`.
     """
 
     def __init__(
@@ -466,17 +431,9 @@ class LineBoard(SerialBoard):
     ) -> None:  # fmt: skip
         self._decoder = LineDecoder(layout.shape[0] * layout.shape[1])
         stuck = StuckDetector(1, least_changes=LIVELY)
-        super().__init__(port, layout, self._decoder, stuck, baud, native_usb, clock)
+        self._time = _arrival_time(layout)
+        super().__init__(port, layout, self._decoder, stuck, self._time, baud, native_usb, clock)
         self._scale = np.broadcast_to(np.asarray(scale, np.float64), layout.shape)
-        rate_hz = layout.rate_hz if layout.rate_hz > 0 else NOMINAL_RATE_HZ
-        self._time = ArrivalTime(max(1, round(1e9 / rate_hz)))
-
-    def counters(self) -> dict[str, int]:
-        """See `SerialBoard.counters`; `suspected` frames are missing by the clock alone."""
-        return {**super().counters(), 'suspected': self._time.suspected}
-
-    def _restart(self) -> None:
-        self._time.restart()
 
     def feed(self, data: bytes) -> None:
         """See `SerialBoard.feed`."""

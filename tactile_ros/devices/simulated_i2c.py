@@ -30,6 +30,7 @@ POWER_ON_NS = 1_600_000
 FACTORY = {0x00: 0x007C, 0x02: 0x0000, 0x04: 0x0000, 0x05: 0x0000, 0x06: 0x0000}
 BURST_STEP_S = 20e-3
 NEVER_NS = 1 << 62
+HELD_S = 0.02  # so long the adapter holds a transfer on a stuck bus
 
 BUS_FAULTS = ('stuck_bus', 'unplug')
 CHIP_FAULTS = ('nack', 'brown_out', 'stuck_chip', 'saturation', 'wrap', 'stall')
@@ -48,9 +49,9 @@ class SimulatedChip:
     """One MLX90393: registers, modes, conversions, status byte and faults.
 
     `sample` gives flux density (3,) (T) and temperature (degrees Celsius) at a time (ns); `rng`
-    draws the noise, whose standard deviation is `noise` (3,) (T), the thermometer's reference and
-    the oscillator, wrong by the share `tolerance` at most. `on_fault` receives the name of each
-    fault that happens; `pending` counts those of `CHIP_FAULTS` that wait for its next commands.
+    draws the noise, of standard deviation `noise` (3,) (T), the thermometer's reference and the
+    oscillator, wrong by the share `tolerance` at most. `on_fault` receives the name of each fault
+    that happens; `pending` counts those of `CHIP_FAULTS` that wait.
     """
 
     def __init__(
@@ -199,34 +200,25 @@ class SimulatedChip:
         hallconf = 0xC if mlx.HALLCONF.get(register) else 0x0
         self._lsb = mlx.tesla_per_lsb(mlx.GAIN_SEL.get(register), resolution, hallconf)
         self._zero = mlx.CODE_OF_ZERO[list(resolution)].astype(np.float64)
-        if mlx.TCMP_EN.get(self.registers.get(0x01, 0)):
-            self._zero = np.full(3, 32768.0)
         self._full_scale = mlx.FULL_SCALE_LSB[list(resolution)].astype(np.float64)
 
 
 class SimulatedI2cBus:
     """A bus that stands in for `smbus2.SMBus`: `i2c_rdwr` on real messages.
 
-    Parameters
-    ----------
-    clock : Clock
-        Passes while bytes are on the wire.
-    chips : mapping of ChipPlace to SimulatedChip
-        All on this bus, and with them their switches (TCA9548A).
-    hertz, timeout_s : float
-        Clock of the bus (Hz); how long the adapter holds a transfer on a stuck bus (s).
-    on_transfer, on_fault : callable
-        Called before each transfer; with the name of each fault that happens on the bus.
+    `clock` passes while bytes are on the wire, of a bus of `hertz` (Hz), with all `chips` and
+    their switches (TCA9548A). `on_transfer` is called before each transfer, `on_fault` with the
+    name of each fault.
 
     Notes
     -----
-    Every byte takes 9 clocks, start, repeated start and stop one each. All chips with an address
-    answer together, so that two at one address spoil each other's bits, as on wires.
+    Every byte takes 9 clocks, start, repeated start and stop one each. Chips with one address
+    answer together and spoil each other's bits, as on wires.
     """
 
     def __init__(
         self, clock: Clock, chips: Mapping[ChipPlace, SimulatedChip], hertz: float = 400e3,
-        timeout_s: float = 0.02, on_transfer: Callable[[], None] = lambda: None,
+        on_transfer: Callable[[], None] = lambda: None,
         on_fault: Callable[[str], None] = _ignore,
     ) -> None:  # fmt: skip
         self._clock = clock
@@ -236,7 +228,6 @@ class SimulatedI2cBus:
             self._at.setdefault(place.address, []).append((place, chip))
         self._open = {p.mux: 0 for p in chips if p.mux is not None}  # channels, a bit each
         self._bit_s = 1 / hertz
-        self._timeout_s = timeout_s
         self._on_transfer = on_transfer
         self._on_fault = on_fault
         self.stuck = 0  # transfers that will find the bus stuck
@@ -256,10 +247,7 @@ class SimulatedI2cBus:
     def i2c_rdwr(self, *messages: I2cMessage) -> None:
         """Carry messages in one transaction.
 
-        Raises
-        ------
-        OSError
-            ENODEV unplugged, ETIMEDOUT stuck, EREMOTEIO not acknowledged.
+        OSError: ENODEV unplugged, ETIMEDOUT stuck, EREMOTEIO not acknowledged.
         """
         self._on_transfer()
         now_ns = self._clock.now_ns()
@@ -268,7 +256,7 @@ class SimulatedI2cBus:
         if self.stuck:
             self.stuck -= 1
             self._on_fault('stuck_bus')
-            self._clock.sleep(self._timeout_s)
+            self._clock.sleep(HELD_S)
             raise OSError(errno.ETIMEDOUT, os.strerror(errno.ETIMEDOUT))
         bits = 1
         try:
@@ -319,16 +307,13 @@ class ChipArrayTwin(Closing):
     ----------
     places, layout, settings, mode, rate_hz
         Of the driver, see `ChipArray`.
-    signal : callable
-        Time since the start (s) -> flux density in chip axes, shape (t, 3) (T).
-    temperature_c : callable or None
-        Time (s) -> chip temperatures, shape (t,) (degrees Celsius); None: 25.
+    signal, temperature_c : callable, callable or None
+        Time since the start (s) -> flux density in chip axes (t, 3) (T); chip temperatures (t,)
+        (degrees Celsius), None: 25. Asked for at multiples of `signal_step_s`, for all chips.
     noise : float or array_like, shape (3,)
         Standard deviation of a reading (T).
     tolerance, hertz : float
         Largest share by which the chips' oscillators are wrong; clock of the buses (Hz).
-    signal_step_s : float
-        The signal is asked for at multiples of this (s), once for all chips.
     clock : Clock or None
         Of bus and chips; None: the machine's.
     seed : int

@@ -21,7 +21,7 @@ from tactile_ros.devices.framed_protocol import Payload
 from tactile_ros.devices.serial_board import FramedBoard, LineBoard, ReskinBoard
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.errors import DeviceError, DeviceTimeout
-from tactile_ros.types import Array, Closing, Device, Integers, Layout
+from tactile_ros.types import Array, Closing, Device, Layout
 
 Own = TypeVar('Own', bound='SerialTwin')
 
@@ -34,7 +34,7 @@ LEAST_JUMP_S, MOST_JUMP_S = 2.0, 1000.0
 MOST_WAITING = 10_000
 # a driver that has just opened the port has no frame yet after which it could count a loss
 CALM_S = 0.1
-PATIENCE_S = 0.2
+PATIENCE_S, LONGEST_S = 0.2, 5.0  # for a full port to be read: in real time, by hand
 SHORTEST_PAUSE_S = 0.002  # frames are written together as USB delivers them
 NAN_BYTES = b'\x00\x00\xc0\x7f'
 
@@ -43,8 +43,8 @@ def damage(frame: bytes, kind: str, rng: np.random.Generator) -> bytes:
     """Damage the bytes of one frame, at least two, by one of `BYTE_FAULTS`.
 
     dropped: 1 to 4 bytes in a row; doubled: one byte; flipped: one bit; garbage: 1 to 16 bytes
-    overwritten; inserted: 1 to 16 foreign bytes; truncated: the tail from anywhere on; shifted:
-    one byte lost and another doubled, the length kept. `rng` draws place, count and bytes.
+    overwritten; inserted: 1 to 16 foreign bytes; truncated: the tail; shifted: one byte lost and
+    another doubled, the length kept.
     """
     here, there = (int(place) for place in np.sort(rng.integers(len(frame), size=2)))
     run = rng.bytes(int(rng.integers(1, LONGEST_RUN + 1)))
@@ -61,17 +61,12 @@ def damage(frame: bytes, kind: str, rng: np.random.Generator) -> bytes:
 
 
 class SimulatedSerialPort(Closing):
-    """A port that programs open as they open a board's; the other end is ours.
+    """A port that programs open as they open a board's; `port` stays its path through `unplug`."""
 
-    `patience_s` is the longest wait for a full port to be read (s). The path `port` stays the same
-    through `unplug` and `replug`.
-    """
-
-    def __init__(self, patience_s: float = 5.0) -> None:
+    def __init__(self) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix='tactile_port_')
         self._link = Path(self._folder.name) / 'board'
         self.port = str(self._link)
-        self._patience_s = patience_s
         self._master = -1
         self._lock = threading.Lock()
         self.replug()
@@ -124,13 +119,13 @@ class SimulatedSerialPort(Closing):
         poll.register(self._master, events)
         return sum(event for _, event in poll.poll(timeout * 1e3))
 
-    def send(self, data: bytes, timeout: float | None = None) -> None:
+    def send(self, data: bytes, timeout: float = LONGEST_S) -> None:
         """Write bytes as the board would; return when the port has taken them.
 
-        A DeviceTimeout says that nobody reads within `timeout` (s), or the port's own patience:
-        the rest is lost. A DeviceError says that the port is unplugged.
+        A DeviceTimeout says that nobody reads within `timeout` (s), a DeviceError that the port is
+        unplugged.
         """
-        deadline = time.monotonic() + (self._patience_s if timeout is None else timeout)
+        deadline = time.monotonic() + timeout
         while data:
             taken = self._write(data)
             data = data[taken:]
@@ -154,45 +149,6 @@ class SimulatedSerialPort(Closing):
                 return 0
 
 
-class Player:
-    """Rows of a recording as a ReSkin board's bytes, as fast as recorded or faster.
-
-    `send` returns when the bytes of a row are taken, `speed_up` is recorded over played time,
-    `period_s` the played time before rows that have no stamp before them (s), `sent` the count of
-    frames written so far. Nothing is sent between calls of `play`: a caller may tare or wait for
-    answers between touches.
-    """
-
-    def __init__(
-        self, send: Callable[[bytes], object], speed_up: float = 1.0, period_s: float = 0.0025
-    ) -> None:
-        if not speed_up > 0:
-            msg = f'speed_up must be above 0; received {speed_up}'
-            raise ValueError(msg)
-        self.sent = 0
-        self._send = send
-        self._speed_up = speed_up
-        self._period_s = period_s
-        self._due = time.monotonic()
-
-    def play(self, values: npt.ArrayLike, stamp_ns: Integers | None = None) -> None:
-        """Send rows (s, t, 3) (T) one after the other; return when the last is written.
-
-        `stamp_ns` (s,) says when they were taken (ns); None: one period apart. Errors are those of
-        `SimulatedSerialPort.send`.
-        """
-        rows = np.asarray(values, np.float64)
-        gaps = np.full(len(rows), self._period_s)
-        if stamp_ns is not None:
-            gaps[1:] = np.diff(stamp_ns) * 1e-9 / self._speed_up
-        for row, gap in zip(rows, gaps, strict=True):
-            # a slow reader delays the schedule; the rows that follow do not come in a burst
-            self._due = max(self._due + gap, time.monotonic() - gap)
-            time.sleep(max(0.0, self._due - time.monotonic()))
-            self._send(reskin_protocol.encode(row))
-            self.sent += 1
-
-
 class SerialTwin(Closing):
     """A simulated board: port, pace, noise and faults of all kinds of boards.
 
@@ -200,14 +156,11 @@ class SerialTwin(Closing):
     ----------
     layout : Layout
         Of the sensor; its `rate_hz` is the board's.
-    signal : callable
-        Time since the start (s) -> values, shape (t, c) (unit of the layout).
-    noise : array_like, broadcast to (t, c)
-        Standard deviation of white noise (unit of the layout).
-    temperature_c : callable or None
-        Time (s) -> chip temperatures, shape (t,) (degrees Celsius); None: 25.
-    seed : int
-        Of noise and faults.
+    signal, temperature_c : callable, callable or None
+        Time since the start (s) -> values (t, c) (unit of the layout); chip temperatures (t,)
+        (degrees Celsius), None: 25.
+    noise, seed : array_like, broadcast to (t, c), int
+        Standard deviation of white noise (unit of the layout); of noise and faults.
     clock : VirtualClock or None
         Moved by `play`, which sends frames as fast as they are read; None: a thread sends them in
         real time between enter and exit.
@@ -216,13 +169,12 @@ class SerialTwin(Closing):
     -----
     `injected` counts faults that have happened, byte faults only where the frame was really
     damaged; `overruns` writes that the program at the port did not take in 0.2 s: those frames are
-    lost beyond `injected`. In real time, faults wait until a program has had the port open for 0.1
-    s.
+    lost, too. In real time, faults wait until a program has had the port open for 0.1 s.
 
     stall: nothing is measured for 0.5 s. unplug: the port goes for 1 s, and the board starts anew.
-    stuck_chip: one taxel repeats its last reading, or all do where one converter reads them
-    (`one_converter`). saturation: one reads its limit, where there is one. `unseen` are faults
-    that the format, which has no checksum, cannot always show.
+    stuck_chip: one taxel repeats its last reading, or all do where one converter reads them.
+    saturation: one reads its limit, where there is one. `unseen` are faults that a format without
+    a checksum cannot always show.
     """
 
     faults: tuple[str, ...] = SERIAL_FAULTS
@@ -403,15 +355,12 @@ class SerialTwin(Closing):
 
 
 class ReskinTwin(SerialTwin):
-    """The ReSkin / AnySkin board: float32 readings without sequence or clock.
+    """The ReSkin / AnySkin board: float32 readings (T) without sequence or clock.
 
-    The first arguments are those of `SerialTwin`; values are flux densities (T), and `saturation`
-    of the layout, where it says any, is where chips clip. `quantum`, broadcast to (3,), is their
-    step (T), to which values are rounded. `driver` opens port and clock (ns) as a sensor does;
-    None: `ReskinBoard` on native USB with that `quantum`.
-
-    nan: one field of a frame becomes not a number. The format has no checksum: flipped, garbage
-    and shifted may pass undetected, and lost frames leave no trace.
+    Chips clip at the `saturation` of the layout; `quantum`, broadcast to (3,), is their step (T).
+    `driver` opens port and clock (ns) as a sensor does; None: `ReskinBoard` with that `quantum`.
+    nan: one field of a frame becomes not a number. Flipped, garbage and shifted may pass
+    undetected.
     """
 
     faults: tuple[str, ...] = (*SERIAL_FAULTS, 'nan')
@@ -444,13 +393,10 @@ class ReskinTwin(SerialTwin):
 
 
 class FramedTwin(SerialTwin):
-    """A board of the framed protocol: counts, sequence and a clock that drifts and jumps.
+    """A board of the framed protocol: counts, sequence and a clock that jumps.
 
-    `payload` and `scale`, `baud` and `native_usb` are those of its `FramedBoard`, the others those
-    of `SerialTwin`; values are rounded to counts and clipped at the converter's limit. The board's
-    clock is fast by the share `drift`, begins at `start_us` (microseconds) and wraps at 2^32.
-
-    clock_jump: the board's clock jumps by 2 to 1000 s, ahead or back.
+    Values are rounded to counts and clipped at the converter's limit. clock_jump: the board's
+    clock jumps by 2 to 1000 s, ahead or back.
     """
 
     faults = (*SERIAL_FAULTS, 'clock_jump')
@@ -459,16 +405,14 @@ class FramedTwin(SerialTwin):
         self, layout: Layout, payload: Payload, scale: npt.ArrayLike,
         signal: Callable[[float], Array], noise: npt.ArrayLike = 0.0,
         temperature_c: Callable[[float], Array] | None = None, seed: int = 0,
-        clock: VirtualClock | None = None, drift: float = 0.0, start_us: int = 0,
-        baud: int = 115200, native_usb: bool = True,
+        clock: VirtualClock | None = None, baud: int = 115200, native_usb: bool = True,
     ) -> None:  # fmt: skip
         self._payload = payload
         self._scale = np.broadcast_to(np.asarray(scale, np.float64), layout.shape)
         super().__init__(layout, signal, noise, temperature_c, seed, clock)
         self.one_converter = payload.one_converter
         self._baud, self._native_usb = baud, native_usb
-        self._clock_rate = 1e6 * (1 + drift)  # microseconds per second
-        self._origin_us = float(start_us)
+        self._origin_us = 0.0
         self._sequence = 0
 
     def device(self, clock_ns: Callable[[], int]) -> FramedBoard:
@@ -480,7 +424,7 @@ class FramedTwin(SerialTwin):
 
     def _boot(self, t: float) -> None:
         self._sequence = 0
-        self._origin_us = -t * self._clock_rate
+        self._origin_us = -t * 1e6
 
     def _limit(self) -> Array:
         return np.asarray(self._scale[0] * self._payload.full_count, np.float64)
@@ -489,18 +433,14 @@ class FramedTwin(SerialTwin):
         if fault == 'clock_jump':
             jump = self._rng.uniform(LEAST_JUMP_S, MOST_JUMP_S) * self._rng.choice((-1, 1))
             self._origin_us += round(jump * 1e6)
-        time_us = round(self._origin_us + t * self._clock_rate)
+        time_us = round(self._origin_us + t * 1e6)
         counts = np.rint(values / self._scale).astype(np.int64)
         sequence, self._sequence = self._sequence, self._sequence + 1
         return framed_protocol.encode(self._payload, counts, sequence, time_us, temperature_c)
 
 
 class LineTwin(SerialTwin):
-    """A board that prints lines of numbers, without checksum, counter or clock.
-
-    The first arguments are those of `SerialTwin`, the others those of its `LineBoard`; numbers are
-    printed with so many `decimals`. Damage to a digit makes another number: it is not seen.
-    """
+    """A board that prints lines of numbers with so many `decimals`; hurt digits are not seen."""
 
     unseen = BYTE_FAULTS
     one_converter = True

@@ -2,9 +2,8 @@
 """Text lines of numbers, as a microcontroller prints them: one line a frame.
 
 Commas, semicolons, blanks or tabs stand between the numbers. One more column before them, a label
-or a time, is skipped, and so is a label that ends in a colon. `encode` writes lines; `LineDecoder`
-finds them in a stream. The format has no checksum, counter or clock: a digit that is lost or
-changed makes another number, and only lines that cannot be read are known to be lost.
+or a time, is skipped, and so is a label that ends in a colon. The format has no checksum, counter
+or clock: only lines that cannot be read are known to be lost.
 """
 
 from __future__ import annotations

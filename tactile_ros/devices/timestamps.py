@@ -60,8 +60,7 @@ class VirtualClock(Clock):
 class LeadingClock(Clock):
     """A clock that runs at most `lead_s` ahead of another, so that many short waits cost one.
 
-    A machine wakes from a wait of 0.1 ms some 0.06 ms late: a simulated bus that waited for each
-    of its bytes would be slower than the real one.
+    A machine wakes some 0.06 ms late: a simulated bus that waited for each byte would be too slow.
     """
 
     def __init__(self, clock: Clock, lead_s: float = 1e-3) -> None:
@@ -82,10 +81,9 @@ class LeadingClock(Clock):
 
 
 class ArrivalTime:
-    """Stamps of frames by their arrival, for boards without a clock.
+    """Stamps of frames by their arrival, a period (`period_ns`) apart: for boards without clock.
 
-    `period_ns` is the nominal period of frames (ns). `suspected` counts frames that are missing by
-    the spacing of stamps alone; a host or board that pauses looks the same.
+    `suspected` counts frames that are missing by the spacing of stamps; a pause looks the same.
     """
 
     def __init__(self, period_ns: int) -> None:
@@ -94,6 +92,10 @@ class ArrivalTime:
         self._last_ns: int | None = None
         self._usual_ns = 0.0
 
+    def counters(self) -> dict[str, int]:
+        """Counts by name."""
+        return {'suspected': self.suspected}
+
     def restart(self) -> None:
         """Forget the usual spacing, as after a reconnection."""
         self._usual_ns = 0.0
@@ -101,8 +103,8 @@ class ArrivalTime:
     def follow(self, lost: Sequence[int], now_ns: int) -> list[int]:
         """Stamps of the frames of one read, `lost` before each, the last whole at `now_ns`.
 
-        They are one period apart, closer where the time since the last frame is shorter, and
-        always increase, unless the clock went back by more than a second.
+        A period apart, or closer where less time passed; always increasing, unless the clock went
+        back by more than a second.
         """
         before_ns, spacing, frames = self._last_ns, self._period_ns, sum(lost) + len(lost)
         end_ns = now_ns
@@ -127,7 +129,7 @@ class ArrivalTime:
 
 
 class Moments(NamedTuple):
-    """Times of frames by the board's clock, which never falls, and by the host's, which increases.
+    """Times of frames by the board's clock and by the host's.
 
     `repeated`: the board says that this is the sample of the frame before.
     """
@@ -140,22 +142,20 @@ class Moments(NamedTuple):
 class DeviceTime:
     """A board's 32 bit microsecond clock, unwrapped and tied to the host's.
 
-    `period_ns` is the nominal period of frames (ns); 0: unknown.
+    `period_ns` is the nominal period of frames; 0: unknown.
 
     `clock_jumps` counts how often it went back, or ahead of the time that passed here, `stalls`
-    how often the board measured nothing for more than three periods and 20 ms, `clock_steps` how
-    often the host's clock stepped by more than 50 ms.
+    how often nothing was measured for more than three periods and 20 ms, `clock_steps` how often
+    the host's clock stepped by more than 50 ms.
 
     Notes
     -----
     Bytes come late, never early: the host's time less the board's is lowest for the promptest
     frame. A stamp is the board's time plus that lowest offset, which creeps up by 1 % to follow
-    oscillators that differ. So bursts and a late reader do not shift stamps.
+    oscillators that differ: bursts and a late reader do not shift stamps.
 
-    A read of several frames over more than 20 ms comes from a reader that is behind: it can show
-    that others were late, not that the host's clock stepped. It neither ties anew, nor creeps by
-    more than 0.02 %, so that a reader that never catches up still stamps the frames it has with
-    their time.
+    A read of several frames over more than 20 ms comes from a reader that is behind: it neither
+    ties anew, nor creeps by more than 0.02 %.
 
     A host clock that went back by more than 50 ms starts anew, and so do stamps. One that stepped
     ahead makes all bytes late: where the promptest of a second and 10 reads is more than 50 ms
@@ -177,6 +177,11 @@ class DeviceTime:
         self._stamp_ns: int | None = None
         self._begin_window(0)
 
+    def counters(self) -> dict[str, int]:
+        """Counts by name."""
+        names = ('clock_jumps', 'clock_steps', 'stalls')
+        return {name: vars(self)[name] for name in names}
+
     def restart(self) -> None:
         """Expect another origin of the board's clock, as after a reconnection."""
         self._raw_us = None
@@ -185,8 +190,8 @@ class DeviceTime:
     def follow(self, time_us: list[int], lost: Sequence[int], now_ns: int) -> Moments:
         """Times of the frames of one read, of which there is at least one.
 
-        `time_us` is the board's clock at each (microseconds), wrapping at 2^32; `lost` are known
-        lost before each; the last one was whole at `now_ns`, less its time on the wire.
+        `time_us` is the board's clock at each, wrapping at 2^32; `lost` are known lost before
+        each; the last was whole at `now_ns`, less its time on the wire.
         """
         elapsed_ns = max(0, now_ns - self._now_ns)
         before_ns = self._device_ns

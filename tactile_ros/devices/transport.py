@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 READ_BYTES = 4096
 WAITS_S = 0.1  # the least that terminals wait for
 LOOK_S = 1.0
-I2C_TIMEOUT = 0x0702  # linux/i2c-dev.h, in units of 10 ms
+I2C_TIMEOUT, I2C_TIMEOUT_10MS = 0x0702, 2  # linux/i2c-dev.h; how long an adapter may hold on
 PACKAGES = {'serial': ('serial ports', 'pyserial'), 'smbus2': ('I2C buses', 'smbus2')}
 
 
@@ -77,9 +77,9 @@ def _refusal(what: str, group: str, choice: str, err: OSError) -> DeviceError:
 class SerialPort:
     """A serial port that is read by one program, blocking and without busy waiting.
 
-    A path under /dev/serial/by-id survives replugging; native USB boards ignore the baud rate.
-    Reads wait at most `WAITS_S` for their first byte: no call but such reads lets go of Python's
-    lock, and a busy thread takes it at each call more.
+    A path under /dev/serial/by-id survives replugging. Reads wait at most `WAITS_S` for their
+    first byte: no call but such reads lets go of Python's lock, and a busy thread takes it at each
+    call more.
     """
 
     def __init__(self, port: str, baud: int = 115200) -> None:
@@ -96,7 +96,7 @@ class SerialPort:
         return self._serial is not None
 
     def open(self) -> None:
-        """Hold the port for this program alone; what it had received before is discarded.
+        """Hold the port for this program alone, and discard what it had received before.
 
         A DeviceError says that it is missing, busy or forbidden.
         """
@@ -127,10 +127,9 @@ class SerialPort:
             device.close()
 
     def read(self, timeout: float) -> bytes:
-        """Wait at most `timeout` (s) for bytes and take all that there are, at most 4096.
+        """Take all bytes that come within `timeout` (s), 0.1 s at most, up to 4096.
 
-        None come where there were none in time, or within 0.1 s. A DeviceError says that the port
-        is not open or is gone; it is closed then.
+        A DeviceError says that the port is not open or is gone; it is closed then.
         """
         device, poll = self._serial, self._poll  # here still where another thread closes
         if device is None:
@@ -152,8 +151,7 @@ class SerialPort:
     def _take(self, terminal: int) -> bytes:
         """Take what comes in time; none where nothing does, or the device is gone.
 
-        Another program may open the port all the same and let reads wait for ever, as those that
-        look for modems do; that is undone.
+        Other programs may open the port all the same and let reads wait for ever; that is undone.
         """
         if time.monotonic() >= self._due_s and termios.tcgetattr(terminal) != self._wanted:
             termios.tcsetattr(terminal, termios.TCSANOW, self._wanted)
@@ -183,20 +181,13 @@ class BusMaster(Protocol):
 class I2cBus:
     """An I2C bus whose transfers are combined transactions (a true repeated start).
 
-    Parameters
-    ----------
-    path : str
-        Device path, such as /dev/i2c-1; a name for sentences where `smbus` is given.
-    smbus : BusMaster or None
-        Carries the messages; None: smbus2 on `path`.
-    timeout_s : float
-        Longest time that the adapter may hold a transfer (s), in steps of 10 ms.
+    `path` is the device, such as /dev/i2c-1, or a name for sentences where `smbus` carries
+    messages.
     """
 
-    def __init__(self, path: str, smbus: BusMaster | None = None, timeout_s: float = 0.02) -> None:
+    def __init__(self, path: str, smbus: BusMaster | None = None) -> None:
         self.path = path
         self._given = smbus
-        self._timeout_s = timeout_s
         self._master: BusMaster | None = None
         self._messages: dict[tuple[int, bytes, int], tuple[I2cMessage, ...]] = {}
 
@@ -217,7 +208,7 @@ class I2cBus:
         try:
             bus.open(self.path)
             # the kernel waits a whole second for a stuck bus otherwise
-            fcntl.ioctl(bus.fd, I2C_TIMEOUT, max(1, round(self._timeout_s * 100)))
+            fcntl.ioctl(bus.fd, I2C_TIMEOUT, I2C_TIMEOUT_10MS)
         except OSError as err:
             bus.close()
             name = f'bus {self.path}'
@@ -231,18 +222,10 @@ class I2cBus:
             master.close()
 
     def transfer(self, address: int, data: bytes, count: int) -> bytes:
-        """Write bytes to a chip and read its answer without letting the bus go in between.
+        """Write bytes to a chip and read `count` of its answer in one transaction; or either.
 
-        `address` has 7 bits; without `data` it is only read, with a `count` of 0 only written.
-
-        Raises
-        ------
-        NotAcknowledged
-            If no chip answers to the address.
-        DeviceTimeout
-            If the bus is stuck.
-        DeviceError
-            If the bus is not open, fails, or is gone; it is closed then.
+        NotAcknowledged says that no chip answers to the address, DeviceTimeout that the bus is
+        stuck, DeviceError that it is not open, fails, or is gone and closed.
         """
         if self._master is None:
             msg = f'bus {self.path} is not open'

@@ -98,21 +98,21 @@ def test_twins_have_one_vocabulary_of_faults() -> None:
 
 @pytest.mark.parametrize(('key', 'how', 'fault'), SUFFERED)
 def test_driver_survives_and_counts_a_fault(key: str, how: dict[str, object], fault: str) -> None:
+    count = STORMS.get(fault, STORM)
     with road_of(key, how) as road:
-        for count in (1, STORMS.get(fault, STORM)):
-            trial = suffer(road, fault, count, 0.25)
-            assert trial.injected == count
-            assert trial.recovery_s < 2.0
-            assert trial.frames > 20
-            assert fault in road.twin.unseen or trial.wrong == 0
-            framed = isinstance(road.twin, FramedTwin) and fault != 'stuck_chip'
-            if framed or fault in EXACT:
-                assert trial.counted == trial.injected
-            elif fault == 'stall' and 'suspected' in road.counters():
-                # frames that are missing by the clock: half a second of 80 Hz each
-                assert trial.counted == pytest.approx(40 * count, abs=2 * count)
-            elif fault not in {*road.twin.unseen, 'lost', 'nan', 'stuck_chip'}:
-                assert trial.counted >= 1
+        trial = suffer(road, fault, count, 0.25)
+        assert trial.injected == count
+        assert trial.recovery_s < 2.0
+        assert trial.frames > 20
+        assert fault in road.twin.unseen or trial.wrong == 0
+        framed = isinstance(road.twin, FramedTwin) and fault != 'stuck_chip'
+        if framed or fault in EXACT:
+            assert trial.counted == trial.injected
+        elif fault == 'stall' and 'suspected' in road.counters():
+            # frames that are missing by the clock: half a second of 80 Hz each
+            assert trial.counted == pytest.approx(40 * count, abs=2 * count)
+        elif fault not in {*road.twin.unseen, 'lost', 'nan', 'stuck_chip'}:
+            assert trial.counted >= 1
 
 
 @roads
@@ -122,15 +122,15 @@ def test_driver_survives_a_storm_of_everything(key: str, how: dict[str, object])
         frames = road.run(0.25)
         left_out = {*road.twin.unseen, 'stuck_chip', 'unplug'}
         kinds = [f for f in road.twin.faults if f not in left_out]
-        storm = rng.choice(kinds, 40).tolist()
+        storm = rng.choice(kinds, 20).tolist()
         for fault in storm:
             road.twin.inject(fault)
-        frames += road.run(6.0 + STALL_S * storm.count('stall'))
+        frames += road.run(2.0 + STALL_S * storm.count('stall'))
         times = road.times(frames)
         wrong = sum(road.wrong(frame, t) for frame, t in zip(frames, times, strict=True))
         injected = sum(road.twin.injected.values())
         counts = road.counters()
-    assert injected == 40
+    assert injected == 20
     assert wrong == 0
     assert usable(frames[-1]).all()
     if isinstance(road.twin, FramedTwin):

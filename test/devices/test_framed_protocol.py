@@ -231,7 +231,7 @@ def mutated(draw: st.DataObject, payload: Payload) -> bytes:
     return bytes(data)
 
 
-@settings(max_examples=500)
+@settings(max_examples=150)
 @given(st.data(), st.sampled_from(PAYLOADS))
 def test_decoder_never_raises_or_believes_wrongly(draw: st.DataObject, payload: Payload) -> None:
     random = draw.draw(st.booleans())

@@ -82,28 +82,15 @@ def test_register_fields_lie_where_the_datasheet_puts_them() -> None:
 
 
 @pytest.mark.parametrize(
-    ('resolution', 'compensated', 'code', 'counts'),
+    ('resolution', 'code', 'counts'),
     [
-        (0, False, 0x0000, 0),
-        (0, False, 0x7FFF, 32767),
-        (0, False, 0x8000, -32768),
-        (1, False, 0xFFFE, -2),
-        (2, False, 0x8000, 0),
-        (2, False, 0xFFFF, 32767),
-        (2, False, 0x0000, -32768),
-        (3, False, 0x4000, 0),
-        (3, False, 0x3FFF, -1),
-        (3, False, 0x7FFF, 16383),
-        (0, True, 0x8000, 0),
-        (1, True, 0x7FFF, -1),
+        (0, 0x0000, 0), (0, 0x7FFF, 32767), (0, 0x8000, -32768), (1, 0xFFFE, -2), (2, 0x8000, 0),
+        (2, 0xFFFF, 32767), (2, 0x0000, -32768), (3, 0x4000, 0), (3, 0x3FFF, -1),
+        (3, 0x7FFF, 16383),
     ],
-)
-def test_decoder_turns_codes_into_fields(
-    resolution: int, compensated: bool, code: int, counts: int
-) -> None:
-    settings = ChipSettings(
-        gain=7, resolution=(resolution,) * 3, temperature_compensation=compensated
-    )
+)  # fmt: skip
+def test_decoder_turns_codes_into_fields(resolution: int, code: int, counts: int) -> None:
+    settings = ChipSettings(gain=7, resolution=(resolution,) * 3)
     answer = bytes((0x03,)) + (46696).to_bytes(2, 'big') + code.to_bytes(2, 'big') * 3
     decoder = Decoder(settings, [46696])
     status, codes = decoder.words(answer)
@@ -111,16 +98,6 @@ def test_decoder_turns_codes_into_fields(
     assert status.tolist() == [3]
     assert values[0] == pytest.approx(counts * tesla_per_lsb(7, (resolution,) * 3), abs=1e-15)
     assert temperature_c.tolist() == [35.0]
-
-
-@pytest.mark.parametrize(
-    'change',
-    [{'oversampling': 2}, {'digital_filter': 1, 'oversampling': 1}, {'hallconf': 0},
-     {'digital_filter': 1, 'any_filter': True}],
-)  # fmt: skip
-def test_settings_warn_about_fast_filters(change: dict[str, int]) -> None:
-    with pytest.warns(UserWarning, match='digital_filter below 2'):
-        ChipSettings(**{'digital_filter': 0, **change})
 
 
 FORBIDDEN = 'must not be .* at HALLCONF 0xC; received'
@@ -136,10 +113,6 @@ FORBIDDEN = 'must not be .* at HALLCONF 0xC; received'
         ({'resolution': (0, 0, 4)}, 'resolution of ChipSettings must be finite and from 0 to 3'),
         ({'digital_filter': -1}, 'digital_filter of ChipSettings must be a whole number from 0'),
         ({'hallconf': 5}, 'hallconf of ChipSettings must be 0 or 12; received 5'),
-        (
-            {'resolution': (0, 2, 0), 'temperature_compensation': True},
-            'must be 0 or 1 with temperature compensation',
-        ),
     ],
 )
 def test_settings_refuse_what_the_chip_cannot_do(change: dict[str, int], sentence: str) -> None:
@@ -190,6 +163,11 @@ def test_switches_write_again_what_failed_or_was_forgotten(wires: Writes, bus: I
     switches.forget()
     switches.select(behind(0x70, 1))
     assert wires.seen == [(0x70, b'\x02')] * 3
+
+
+def test_settings_warn_about_fast_filters() -> None:
+    with pytest.warns(UserWarning, match='digital_filter below 2'):
+        ChipSettings(digital_filter=0, oversampling=2)
 
 
 @pytest.mark.parametrize('other', [ChipPlace(0x0C), ChipPlace(0x70), behind(0x70, 1)])

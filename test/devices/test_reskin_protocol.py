@@ -57,6 +57,7 @@ def test_wrong_shapes_and_counts_are_refused() -> None:
         encode([1.0, 2.0, 3.0])
 
 
+@settings(max_examples=30)
 @given(
     arrays(np.float32, (3, 4, 3), elements=fields),
     arrays(np.float32, (3, 4), elements=temperatures),
@@ -172,7 +173,7 @@ def test_decoder_finds_no_frame_in_less_or_other(stream: bytes) -> None:
     assert decode(stream) == []
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(seeds, st.lists(st.integers(0, 82 * 12), max_size=8))
 def test_decoder_gives_the_same_however_bytes_are_cut(seed: int, cuts: list[int]) -> None:
     rng = np.random.default_rng(seed)
@@ -188,7 +189,7 @@ def test_decoder_gives_the_same_however_bytes_are_cut(seed: int, cuts: list[int]
     assert parts.counts == whole.counts == single.counts
 
 
-@settings(max_examples=300)
+@settings(max_examples=150)
 @given(seeds, st.sampled_from([1, 2, 5]), st.sampled_from(LENGTH_DAMAGES))
 def test_decoder_loses_one_good_frame_at_most_by_damage_of_the_length(
     seed: int, chips: int, kind: str
@@ -208,7 +209,7 @@ def test_decoder_loses_one_good_frame_at_most_by_damage_of_the_length(
     assert decoder.counts.frames == len(delivered)
 
 
-@settings(max_examples=300)
+@settings(max_examples=150)
 @given(seeds, st.integers(0, 400), st.sampled_from([0, 6]))
 def test_decoder_loses_one_good_frame_at_most_by_garbage(
     seed: int, length: int, before: int

@@ -217,14 +217,6 @@ def test_reskin_board_names_another_stream(
     complaint(board, why)
 
 
-def test_reskin_board_ends_silence_in_time_and_without_work(board: ReskinBoard) -> None:
-    start, work = time.monotonic(), time.process_time()
-    with pytest.raises(DeviceTimeout, match=r'no frame came from .* within 0\.2 s'):
-        board.read(0.2)
-    assert 0.2 <= time.monotonic() - start < 5.0
-    assert time.process_time() - work < 0.1
-
-
 def test_reskin_board_refuses_misfits(layout: Layout) -> None:
     with pytest.raises(ValueError, match='must have 3 channels; received 2'):
         ReskinBoard('/dev/null', LAYOUT)
@@ -288,22 +280,6 @@ def test_framed_board_distinguishes_a_stall_from_a_jump_of_the_clock(
     # as long as a batch of 20 is: the clock gives the end of the batch to a jump inside of it
     np.testing.assert_allclose(np.diff(stamps), np.diff(taken), rtol=0, atol=20e6)
     assert np.ptp(device - taken) <= 4 * 20e6
-
-
-def test_framed_board_follows_a_clock_that_wraps_and_drifts(clock: VirtualClock) -> None:
-    twin = FramedTwin(
-        LAYOUT, gradiometer(), SCALE, signal, clock=clock, drift=2e-3, start_us=2**32 - 5_000
-    )
-    with twin, twin.device(clock.now_ns) as board:
-        frames = []
-        for _ in range(500):
-            twin.play(1)
-            frames.append(board.read(5.0))
-    device = np.array([f.device_time_ns for f in frames])
-    np.testing.assert_allclose(np.diff(device), 1.002e6, rtol=0, atol=1000)
-    errors = np.array([f.stamp_ns for f in frames]) - (START_NS + (np.arange(500) + 1) * MS)
-    assert np.abs(errors).max() < 0.01e6
-    assert board.counters()['clock_jumps'] == 0
 
 
 @pytest.mark.parametrize(
@@ -423,7 +399,7 @@ def marks_of(payload: Payload, counts: np.ndarray) -> np.ndarray:
 
 def test_serial_board_with_quiet_converters_gives_no_false_alarm() -> None:
     """A frame in four repeats the one before to the last bit, as honest 16-bit readings do."""
-    counts = rows_of(gradiometer(), 2, 0.24, 10_000)
+    counts = rows_of(gradiometer(), 2, 0.24, 3000)
     assert 0.2 < (counts[1:] == counts[:-1]).all(axis=(1, 2)).mean() < 0.95
     assert not marks_of(gradiometer(), counts).all(axis=1).any()
 

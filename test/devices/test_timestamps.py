@@ -29,6 +29,14 @@ def test_device_time_is_tied_by_the_promptest_frame() -> None:
     assert all(b > a for a, b in itertools.pairwise(stamps))
 
 
+def test_device_time_follows_a_clock_that_wraps_and_drifts() -> None:
+    clock, start = DeviceTime(MS), 2**32 - 5_000
+    found = [one(clock, (start + 1002 * i) % 2**32, 10**12 + i * MS) for i in range(500)]
+    assert [device for device, _ in found] == [1000 * (start + 1002 * i) for i in range(500)]
+    assert max(abs(stamp - 10**12 - i * MS) for i, (_, stamp) in enumerate(found)) < 10_000
+    assert clock.clock_jumps == 0
+
+
 @pytest.mark.parametrize('jump_us', [-5_000, -(10**7), -(2**31) - 5, 10**6, 10**9, 2**31 - 10])
 def test_device_time_bridges_jumps(jump_us: int) -> None:
     clock = DeviceTime(MS)
