@@ -6,6 +6,7 @@ from __future__ import annotations
 import io
 import pickle
 import struct
+import tracemalloc
 import zipfile
 import zlib
 from dataclasses import dataclass, field
@@ -21,7 +22,6 @@ from hypothesis import strategies as st
 from tactile_ros import calibration
 from tactile_ros.calibration import (
     MOST_BYTES,
-    MOST_MEMBERS,
     SCHEMA,
     digest,
     flatten,
@@ -33,7 +33,7 @@ from tactile_ros.calibration import (
 from tactile_ros.errors import CalibrationError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
 ARRAYS = {
     'a/values.array': np.arange(24.0).reshape(2, 3, 4),
@@ -160,34 +160,52 @@ def test_members_that_are_no_plain_arrays(tmp_path: Path, kind: str) -> None:
         read(path)
 
 
-@pytest.mark.parametrize('name', [
+def doubled(path: Path) -> None:
+    pack(path, {'x.npy': npy(np.eye(2)), 'y.npy': npy(np.eye(3))})
+    path.write_bytes(path.read_bytes().replace(b'y.npy', b'x.npy'))
+
+
+def locked(path: Path) -> None:
+    content = bytearray(pack(path, {'x.npy': npy(np.eye(2))}).read_bytes())
+    for sign, place in ((b'PK\x03\x04', 6), (b'PK\x01\x02', 8)):
+        content[content.rindex(sign) + place] |= 1
+    path.write_bytes(bytes(content))
+
+
+def stating(path: Path) -> None:
+    content = pack(path, {'x.npy': npy(np.eye(2))}).read_bytes()
+    place = content.rindex(b'PK\x01\x02') + 24
+    path.write_bytes(content[:place] + struct.pack('<I', MOST_BYTES + 1) + content[place + 4 :])
+
+
+NAMES = (
     '../x.npy', '/etc/x.npy', 'a/../../x.npy', 'x', 'x.npy.txt', '.npy', 'x\n.npy', 'ä.npy',
     'C:\\x.npy', 'x;y.npy', 'y' * 201 + '.npy',
-])  # fmt: skip
-def test_names_like_paths_are_refused(tmp_path: Path, name: str) -> None:
-    path = pack(tmp_path / 'c.npz', {name: npy(np.eye(2))})
-    with pytest.raises(CalibrationError, match='holds a member named'):
-        read(path)
+)  # fmt: skip
+REFUSED: list[tuple[Callable[[Path], object], str]] = [
+    *((lambda path, name=name: pack(path, {name: npy(np.eye(2))}), 'holds a member named')
+      for name in NAMES),
+    *((lambda path, how=how: pack(path, {'x.npy': npy(np.eye(2))}, how), 'refused')
+      for how in (zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)),
+    (doubled, r"holds a member named 'x\.npy'"),
+    (locked, 'cannot be read'),
+    (stating, f'{MOST_BYTES} bytes; received'),
+]  # fmt: skip
 
 
-def test_a_name_that_comes_twice_is_refused(tmp_path: Path) -> None:
-    path = pack(tmp_path / 'c.npz', {'x.npy': npy(np.eye(2)), 'y.npy': npy(np.eye(3))})
-    path.write_bytes(path.read_bytes().replace(b'y.npy', b'x.npy'))
-    with pytest.raises(CalibrationError, match=r"holds a member named 'x\.npy'"):
-        read(path)
-
-
-@pytest.mark.parametrize('method', [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
-def test_other_compressions_are_refused(tmp_path: Path, method: int) -> None:
-    path = pack(tmp_path / 'c.npz', {'x.npy': npy(np.eye(2))}, method)
-    with pytest.raises(CalibrationError, match='refused'):
-        read(path)
+@pytest.mark.parametrize(('make', 'sentence'), REFUSED)
+def test_hostile_archives_are_refused(
+    tmp_path: Path, make: Callable[[Path], object], sentence: str
+) -> None:
+    make(tmp_path / 'c.npz')
+    with pytest.raises(CalibrationError, match=sentence):
+        read(tmp_path / 'c.npz')
 
 
 def test_too_many_members_are_refused(tmp_path: Path) -> None:
-    path = pack(tmp_path / 'c.npz', {f'{i}.npy': b'' for i in range(MOST_MEMBERS)})
-    with pytest.raises(CalibrationError, match=f'at most {MOST_MEMBERS} members'):
-        read(path)
+    path = pack(tmp_path / 'c.npz', {f'{i}.npy': b'' for i in range(10)})
+    with pytest.raises(ValueError, match=r'at most 10 members .* received 11'):
+        plain_arrays(path, 10, MOST_BYTES)
 
 
 def test_a_long_directory_is_refused_before_it_is_read(
@@ -221,61 +239,27 @@ def test_an_array_file_before_the_zip_is_refused(tmp_path: Path, good: bytes) ->
     assert set(read(tmp_path / 'c.npz')) == set(ARRAYS)
 
 
-def test_a_stated_bomb_is_refused(tmp_path: Path) -> None:
-    path = pack(tmp_path / 'c.npz', {'x.npy': npy(np.eye(2))})
-    content = path.read_bytes()
-    place = content.rindex(b'PK\x01\x02')
-    stated = struct.pack('<I', MOST_BYTES + 1)
-    path.write_bytes(content[: place + 24] + stated + content[place + 28 :])
-    with pytest.raises(CalibrationError, match=f'{MOST_BYTES} bytes; received'):
-        read(path)
-
-
-def test_no_more_is_unpacked_than_stated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A member says 208 bytes and unpacks to 300 MB: reading it to its end would take them all."""
+def test_no_more_is_unpacked_than_stated(tmp_path: Path) -> None:
+    """A member says 208 bytes and unpacks to 30 MB: reading it to its end would take them all."""
     honest = header("'<f8'", '(16,)', bytes(128))
     path = pack(tmp_path / 'c.npz', {'x.npy': honest})
     packer = zlib.compressobj(9, zlib.DEFLATED, -15)
-    packed = packer.compress(honest)
-    packed += b''.join(packer.compress(bytes(10**6)) for _ in range(300)) + packer.flush()
+    packed = packer.compress(honest) + packer.compress(bytes(30 * 10**6)) + packer.flush()
     with zipfile.ZipFile(path) as file:
         info = file.getinfo('x.npy')
     content = path.read_bytes()
     data = info.header_offset + 30 + len('x.npy')
-    directory = content.index(b'PK\x01\x02')
-    longer = len(packed) - info.compress_size
+    directory, last = content.index(b'PK\x01\x02'), content.rindex(b'PK\x01\x02')
     size = struct.pack('<I', len(packed))
-    last = content.rindex(b'PK\x01\x02')
     middle = content[directory : last + 20] + size + content[last + 24 : -6]
-    start = struct.pack('<I', directory + longer)
+    start = struct.pack('<I', directory + len(packed) - info.compress_size)
     path.write_bytes(content[:data] + packed + middle + start + b'\0\0')
-    unpacked = []
-    original = zlib.decompressobj
-
-    class Counted:
-        def __init__(self, *arguments: int) -> None:
-            self.inner = original(*arguments)
-
-        def decompress(self, *arguments: object) -> bytes:
-            unpacked.append(self.inner.decompress(*arguments))  # type: ignore[arg-type]
-            return unpacked[-1]
-
-        def __getattr__(self, name: str) -> object:
-            return getattr(self.inner, name)
-
-    monkeypatch.setattr(zipfile.zlib, 'decompressobj', Counted)  # type: ignore[attr-defined]
-    assert plain_arrays(path, 10, MOST_BYTES)['x'].tolist() == [0.0] * 16
-    assert sum(map(len, unpacked)) < 100_000
-
-
-def test_a_locked_member_is_refused(tmp_path: Path) -> None:
-    path = pack(tmp_path / 'c.npz', {'x.npy': npy(np.eye(2))})
-    content = bytearray(path.read_bytes())
-    for sign, place in ((b'PK\x03\x04', 6), (b'PK\x01\x02', 8)):
-        content[content.rindex(sign) + place] |= 1
-    path.write_bytes(bytes(content))
-    with pytest.raises(CalibrationError, match='cannot be read'):
-        read(path)
+    tracemalloc.start()
+    try:
+        assert plain_arrays(path, 10, MOST_BYTES)['x'].tolist() == [0.0] * 16
+        assert tracemalloc.get_traced_memory()[1] < 10**7
+    finally:
+        tracemalloc.stop()
 
 
 def test_a_file_cut_anywhere_is_refused(tmp_path: Path, good: bytes) -> None:

@@ -48,48 +48,46 @@ def entries(name: str) -> list[str]:
 
 @pytest.mark.parametrize('version', [(3, 9, 18), (3, 15, 0)])
 def test_unsupported_python_is_one_sentence(version: tuple[int, ...], monkeypatch: Patch) -> None:
+    ast.parse((BOOTSTRAP / 'configure.py').read_text(), feature_version=(3, 7))
     monkeypatch.setattr(sys, 'version_info', version)
     with pytest.raises(SystemExit, match=rf'^Python 3\.{version[1]} is not supported: .*PYTHON='):
         runpy.run_path(str(BOOTSTRAP / 'configure.py'))
 
 
-def test_first_lines_parse_on_pythons_that_are_refused() -> None:
-    ast.parse((BOOTSTRAP / 'configure.py').read_text(), feature_version=(3, 7))
+def without(machine: types.ModuleType, what: str, patch: Patch, folder: Path) -> None:
+    """A machine that lacks something, checked."""
+    if what == 'processor':
+        patch.setattr(machine.platform, 'machine', lambda: 'aarch64')
+    elif what == 'venv':
+        patch.setattr(importlib.util, 'find_spec', lambda name: None)
+    elif what == 'compiler':
+        patch.setenv('PATH', str(folder))
+        patch.delenv('CC', raising=False)
+    elif what == 'given compiler':
+        patch.setenv('CXX', 'no-such-compiler -O2')
+    else:
+        patch.setattr(machine.sysconfig, 'get_path', lambda name: str(folder / 'none'))
+        patch.setattr(machine, 'fetch_package', lambda name, folder: None)
+        machine.python_headers(folder)
+    machine.check_machine()
 
 
-def test_missing_compiler(load: Load, monkeypatch: Patch, tmp_path: Path) -> None:
-    monkeypatch.setenv('PATH', str(tmp_path))
-    monkeypatch.delenv('CC', raising=False)
-    with pytest.raises(load('machine').SetupError, match=r'No C compiler was found: install one'):
-        load('machine').check_machine()
-
-
-def test_given_compiler_is_looked_for(load: Load, monkeypatch: Patch) -> None:
-    monkeypatch.setenv('CXX', 'no-such-compiler -O2')
-    with pytest.raises(load('machine').SetupError, match='CXX=no-such-compiler'):
-        load('machine').check_compiler()
-
-
-def test_missing_venv_module(load: Load, monkeypatch: Patch) -> None:
+@pytest.mark.parametrize(
+    ('what', 'sentence'),
+    [
+        ('processor', 'this is Linux aarch64: source an installed ROS'),
+        ('venv', r'apt install python3\.\d+-venv'),
+        ('compiler', 'No C compiler was found: install one'),
+        ('given compiler', 'CXX=no-such-compiler'),
+        ('headers', r'apt install python3\.\d+-dev'),
+    ],
+)
+def test_machine_says_what_it_lacks(
+    what: str, sentence: str, load: Load, monkeypatch: Patch, tmp_path: Path
+) -> None:
     machine = load('machine')
-    monkeypatch.setattr(importlib.util, 'find_spec', lambda name: None)
-    with pytest.raises(machine.SetupError, match=rf'apt install {machine.python_name()}-venv'):
-        machine.check_venv()
-
-
-def test_other_processors_are_sent_to_a_sourced_ros(load: Load, monkeypatch: Patch) -> None:
-    machine = load('machine')
-    monkeypatch.setattr(machine.platform, 'machine', lambda: 'aarch64')
-    with pytest.raises(machine.SetupError, match='this is Linux aarch64: source an installed ROS'):
-        machine.check_platform()
-
-
-def test_missing_headers(load: Load, monkeypatch: Patch, tmp_path: Path) -> None:
-    machine = load('machine')
-    monkeypatch.setattr(machine.sysconfig, 'get_path', lambda name: str(tmp_path / 'none'))
-    monkeypatch.setattr(machine, 'fetch_package', lambda name, folder: None)
-    with pytest.raises(machine.SetupError, match=rf'apt install {machine.python_name()}-dev'):
-        machine.python_headers(tmp_path)
+    with pytest.raises(machine.SetupError, match=sentence):
+        without(machine, what, monkeypatch, tmp_path)
 
 
 def test_headers_are_taken_from_an_unpacked_package(
@@ -147,43 +145,29 @@ def test_environment_is_made_once(filled: Filled, tmp_path: Path) -> None:
     assert len(calls) == 1
 
 
-def test_killed_set_up_is_made_again(filled: Filled, tmp_path: Path, capsys: Capture) -> None:
-    environment, calls = filled
-    venv = tmp_path / '.venv'
-    venv.mkdir()
-    (venv / environment.MARK).touch()  # what a kill leaves: begun, never finished
-    environment.make_environment(venv, ['tools'], 'kilted', tmp_path / 'log')
-    assert len(calls) == 1
-    assert 'left half made' in capsys.readouterr().out
-
-
-def test_switching_distro_makes_it_again_and_says_so(
+def test_environment_is_made_again_where_it_must(
     filled: Filled, tmp_path: Path, capsys: Capture
 ) -> None:
     environment, calls = filled
+    venv, log = tmp_path / '.venv', tmp_path / 'log'
+    venv.mkdir()
+    with pytest.raises(environment.SetupError, match='was not made by this set-up'):
+        environment.make_environment(venv, ['tools'], 'kilted', log)
+    (venv / environment.MARK).touch()  # what a kill leaves: begun, never finished
     for distro in DISTROS:
-        environment.make_environment(tmp_path / '.venv', ['tools'], distro, tmp_path / 'log')
+        environment.make_environment(venv, ['tools'], distro, log)
     assert len(calls) == 2
     said = capsys.readouterr().out
+    assert 'left half made' in said
     assert 'distro changes from kilted to jazzy: .venv and install are built again' in said
 
 
-def test_an_environment_made_by_hand_is_not_touched(load: Load, tmp_path: Path) -> None:
-    environment = load('environment')
-    (tmp_path / '.venv').mkdir()
-    with pytest.raises(environment.SetupError, match='was not made by this set-up'):
-        environment.make_environment(tmp_path / '.venv', ['tools'], 'kilted', tmp_path / 'log')
-
-
-def test_sourced_ros_is_left_out(load: Load, monkeypatch: Patch) -> None:
+def test_sourced_ros_is_left_out_as_in_the_makefile(load: Load, monkeypatch: Patch) -> None:
     monkeypatch.setenv('AMENT_PREFIX_PATH', '/somewhere')
     monkeypatch.setenv('ROS_DOMAIN_ID', '7')
     environment = load('environment').clean_environment()
     assert 'AMENT_PREFIX_PATH' not in environment
     assert environment['ROS_DOMAIN_ID'] == '7'
-
-
-def test_makefile_leaves_out_the_same_names(load: Load) -> None:
     text = (ROOT / 'Makefile').read_text().replace('\\\n', ' ')
     listed = re.search(r'^SOURCED := (.*)$', text, re.M)
     assert listed
