@@ -398,10 +398,3 @@ def test_chip_array_refuses_a_rate_that_its_bus_cannot_carry(name: str) -> None:
     twin = connection.simulate(layout_of(chips, rate_hz), lambda t: None, 0.0, 0, clock)
     with twin, pytest.raises(ValueError, match=why):
         twin.device(clock.now_ns)
-
-
-def test_chip_array_takes_the_rate_that_its_bus_carries() -> None:
-    carried = carried_hz(CLUSTERS.places(20), CLUSTERS.settings, False, 400e3)
-    assert carried == pytest.approx(125, abs=1)
-    CLUSTERS.open(layout_of(20, 0.999 * carried), time.monotonic_ns)
-    dataclasses.replace(CLUSTERS, mode='burst').open(layout_of(20, 170.0), time.monotonic_ns)

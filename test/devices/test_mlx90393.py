@@ -3,11 +3,8 @@
 
 from __future__ import annotations
 
-import errno
-
 import numpy as np
 import pytest
-from smbus2 import i2c_msg
 
 from tactile_ros.devices.mlx90393 import (
     DIG_FILT,
@@ -21,13 +18,10 @@ from tactile_ros.devices.mlx90393 import (
     ChipPlace,
     ChipSettings,
     Decoder,
-    Switches,
     conversion_time,
     refuse_conflicts,
     tesla_per_lsb,
 )
-from tactile_ros.devices.transport import I2cBus
-from tactile_ros.errors import NotAcknowledged
 
 # rows DIG_FILT 0..7, columns OSR 0..3 (ms), x, y and z
 TABLE_MS = [
@@ -120,49 +114,8 @@ def test_settings_refuse_what_the_chip_cannot_do(change: dict[str, int], sentenc
         ChipSettings(**change)
 
 
-class Writes:
-    """Keeps what was written."""
-
-    def __init__(self) -> None:
-        self.seen: list[tuple[int, bytes]] = []
-        self.silent = False
-
-    def i2c_rdwr(self, *messages: i2c_msg) -> None:
-        if self.silent:
-            raise OSError(errno.EREMOTEIO, 'remote')
-        self.seen += [(m.addr, bytes(m)) for m in messages]
-
-    def close(self) -> None:
-        pass
-
-
 def behind(mux: int, channel: int = 0) -> ChipPlace:
     return ChipPlace(0x0C, 0, mux, channel)
-
-
-@pytest.fixture
-def wires() -> Writes:
-    return Writes()
-
-
-@pytest.fixture
-def bus(wires: Writes) -> I2cBus:
-    bus = I2cBus('wires', smbus=wires)
-    bus.open()
-    return bus
-
-
-def test_switches_write_again_what_failed_or_was_forgotten(wires: Writes, bus: I2cBus) -> None:
-    switches = Switches(bus, [behind(0x70)])
-    switches.select(behind(0x70, 1))
-    wires.silent = True
-    with pytest.raises(NotAcknowledged, match='nothing answers at 0x70'):
-        switches.select(behind(0x70, 2))
-    wires.silent = False
-    switches.select(behind(0x70, 1))
-    switches.forget()
-    switches.select(behind(0x70, 1))
-    assert wires.seen == [(0x70, b'\x02')] * 3
 
 
 def test_settings_warn_about_fast_filters() -> None:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,7 +13,6 @@ import pytest
 from tactile_ros.devices import framed_protocol
 from tactile_ros.devices.framed_protocol import (
     Payload,
-    five_wires,
     gradiometer,
     taxel_matrix,
     three_axis_chips,
@@ -22,7 +20,6 @@ from tactile_ros.devices.framed_protocol import (
 from tactile_ros.devices.reskin_protocol import encode
 from tactile_ros.devices.serial_board import FramedBoard, ReskinBoard, SerialBoard
 from tactile_ros.devices.simulated_serial import (
-    FramedTwin,
     SimulatedSerialPort,
 )
 from tactile_ros.devices.timestamps import VirtualClock
@@ -33,14 +30,7 @@ MS = 1_000_000
 START_NS = 10**12
 SCALE = 1e-6
 STALE, STUCK, DEAD = TaxelStatus.STALE, TaxelStatus.STUCK, TaxelStatus.DEAD
-PAYLOADS = {
-    'gradiometer': (gradiometer(), SCALE),
-    'chips': (three_axis_chips(20), 1.5e-7),
-    'taxels': (taxel_matrix(72), 1 / 1023),
-    'jaw': (taxel_matrix(2000), 1 / 1023),
-    'wires': (five_wires(4095), 1 / 4095),
-}
-CHIPS = PAYLOADS['chips'][0]
+CHIPS = three_axis_chips(20)
 
 
 def layout_of(payload: Payload, rate_hz: float = 1000.0) -> Layout:
@@ -51,23 +41,8 @@ def layout_of(payload: Payload, rate_hz: float = 1000.0) -> Layout:
 LAYOUT = layout_of(gradiometer())
 
 
-def signal(t: float) -> Array:
-    """Values that show their time: the millisecond in the first channel."""
-    values = np.full((4, 2), 5e-5)
-    values[0, 0] = round(t * 1000) * SCALE
-    return values
-
-
 def take(board: SerialBoard, count: int) -> list[Frame]:
     return [board.read(5.0) for _ in range(count)]
-
-
-def read_to(board: SerialBoard, period: int) -> list[Frame]:
-    """Frames up to the one that was measured in a period."""
-    frames = [board.read(5.0)]
-    while round(frames[-1].values[0, 0] / SCALE) != period:
-        frames.append(board.read(5.0))
-    return frames
 
 
 def complaint(board: SerialBoard, why: str) -> DeviceError:
@@ -86,23 +61,6 @@ def statuses(frames: list[Frame]) -> Array:
     """Status bits (s, t), 0 where a frame has none."""
     blank = np.zeros(len(frames[0].values), np.uint8)
     return np.array([blank if f.status is None else f.status for f in frames])
-
-
-@pytest.fixture
-def clock() -> VirtualClock:
-    return VirtualClock(START_NS)
-
-
-@pytest.fixture
-def twin(clock: VirtualClock) -> Iterator[FramedTwin]:
-    with FramedTwin(LAYOUT, gradiometer(), SCALE, signal, clock=clock, seed=3) as board:
-        yield board
-
-
-@pytest.fixture
-def framed(twin: FramedTwin, clock: VirtualClock) -> Iterator[FramedBoard]:
-    with twin.device(clock.now_ns) as driver:
-        yield driver
 
 
 # --- ReSkin ---
@@ -168,23 +126,6 @@ def test_reskin_board_forgets_half_a_frame_of_before_unplugging(
     assert (counters['lost_bytes'], counters['framing_errors'], counters['dropped']) == (40, 0, 1)
 
 
-def test_reskin_board_suspects_losses_by_the_clock_but_not_after_a_burst(
-    port: SimulatedSerialPort, layout: Layout, rows: np.ndarray
-) -> None:
-    clock = VirtualClock()
-    with ReskinBoard(port.port, layout, clock=clock.now_ns) as board:
-        port.send(encode(rows[:8]))
-        take(board, 8)
-        for row, periods, least, most in (
-            *((row, 0, 0, 0) for row in rows[8:11]), *((row, 1, 0, 0) for row in rows[11:40]),
-            (rows[40], 20, 15, 40),
-        ):  # fmt: skip
-            clock.sleep(periods / layout.rate_hz)
-            port.send(encode(row))
-            board.read(1.0)
-            assert least <= board.counters()['suspected'] <= most
-
-
 def test_reskin_board_marks_what_it_sees(
     port: SimulatedSerialPort, layout: Layout, rows: np.ndarray
 ) -> None:
@@ -227,59 +168,6 @@ def test_reskin_board_refuses_misfits(layout: Layout) -> None:
 
 
 # --- framed ---
-
-
-@pytest.mark.parametrize('name', PAYLOADS)
-def test_framed_board_reads_every_payload(name: str, clock: VirtualClock) -> None:
-    payload, scale = PAYLOADS[name]
-    layout = layout_of(payload, 100.0)
-    highest = payload.full_count - 1
-    lowest = -highest if payload.signed else 0
-    counts = np.random.default_rng(0).integers(lowest, highest, (20, *layout.shape))
-    warm = np.linspace(20.0, 30.0, payload.count)
-    twin = FramedTwin(
-        layout, payload, scale, lambda t: counts[round(t * 100)] * scale, clock=clock,
-        temperature_c=lambda t: warm,
-    )  # fmt: skip
-    with twin, twin.device(clock.now_ns) as board:
-        frames = []
-        for _ in counts:
-            twin.play(1)
-            frames.append(board.read(5.0))
-    assert [f.sequence for f in frames] == list(range(20))
-    assert all(f.status is None and f.dropped == 0 for f in frames)
-    np.testing.assert_allclose([f.values for f in frames], counts * scale, rtol=1e-12)
-    assert [f.device_time_ns for f in frames[1:]] == [i * 10_000_000 for i in range(1, 20)]
-    wanted = {'chips': warm, 'gradiometer': np.full(4, 20.0)}.get(name)
-    if wanted is None:
-        assert all(f.temperature_c is None for f in frames)
-    else:
-        np.testing.assert_allclose([f.temperature_c for f in frames], [wanted] * 20, atol=0.0051)
-
-
-def test_framed_board_distinguishes_a_stall_from_a_jump_of_the_clock(
-    twin: FramedTwin, framed: FramedBoard
-) -> None:
-    frames = []
-    period = 0
-    for fault in ('stall', 'clock_jump', 'clock_jump', 'stall', 'clock_jump', 'clock_jump'):
-        twin.play(20)
-        frames += read_to(framed, period + 19)
-        twin.inject(fault)
-        silent = 500 if fault == 'stall' else 0
-        twin.play(20 + silent)
-        period += 40 + silent
-        frames += read_to(framed, period - 1)
-    counts = framed.counters()
-    assert counts['stalls'] == twin.injected['stall'] == 2
-    assert counts['clock_jumps'] == twin.injected['clock_jump'] == 4
-    assert counts['dropped'] == 0
-    device, stamps = np.array([(f.device_time_ns, f.stamp_ns) for f in frames]).T
-    assert (np.diff(device) > 0).all()
-    taken = np.array([f.values[0, 0] / SCALE * 1e6 for f in frames])
-    # as long as a batch of 20 is: the clock gives the end of the batch to a jump inside of it
-    np.testing.assert_allclose(np.diff(stamps), np.diff(taken), rtol=0, atol=20e6)
-    assert np.ptp(device - taken) <= 4 * 20e6
 
 
 @pytest.mark.parametrize(

@@ -3,16 +3,13 @@
 
 from __future__ import annotations
 
-import errno
-
 import numpy as np
 import pytest
 from smbus2 import i2c_msg
 
-from tactile_ros.devices.mlx90393 import ChipPlace, clusters
-from tactile_ros.devices.simulated_i2c import ChipArrayTwin, SimulatedChip, SimulatedI2cBus
+from tactile_ros.devices.mlx90393 import ChipPlace
+from tactile_ros.devices.simulated_i2c import SimulatedChip, SimulatedI2cBus
 from tactile_ros.devices.timestamps import LeadingClock, VirtualClock
-from tactile_ros.types import Layout
 
 BURST, SINGLE, ERROR, RESET = 0x80, 0x20, 0x10, 0x04
 CONVERSION_NS = 2_102_000  # OSR 0, DIG_FILT 2, with temperature
@@ -56,18 +53,6 @@ def test_simulated_bus_takes_time_for_bytes() -> None:
     bench.ask('4F', 9)
     assert bench.clock.now_ns() - begun_ns == 111 * 2500
     assert bench.bus.busy_s == pytest.approx(170 / 400e3)
-
-
-def test_simulated_chip_says_once_that_it_was_reset() -> None:
-    bench = Bench()
-    assert bench.ask('00', 1) == bytes((RESET,))
-    assert bench.ask('00', 1) == b'\x00'
-    bench.ask('F0', 0)
-    with pytest.raises(OSError, match='Remote I/O error') as caught:
-        bench.ask('00', 1)
-    assert caught.value.errno == errno.EREMOTEIO
-    bench.clock.sleep(1.6e-3)
-    assert bench.ask('00', 1) == bytes((RESET,))
 
 
 def test_simulated_chip_has_data_after_a_conversion_and_once() -> None:
@@ -142,36 +127,6 @@ def test_simulated_bus_mixes_two_chips_at_one_address() -> None:
         bench.configure(word)
     bench.ask('03', 0, 0x70)
     assert bench.ask('50 08', 3) == bytes.fromhex('00 0F 00')
-
-
-def twin_of(seed: int = 0, clock: VirtualClock | None = None, **more: object) -> ChipArrayTwin:
-    layout = Layout(np.zeros((20, 3)), ('Bx', 'By', 'Bz'), 'T')
-    return ChipArrayTwin(
-        clusters(), layout, lambda t: np.zeros((20, 3)), clock=clock, seed=seed, **more
-    )
-
-
-def readings(seed: int) -> np.ndarray:
-    clock = VirtualClock()
-    twin = twin_of(seed, clock)
-    with twin, twin.device(clock.now_ns) as array:
-        return np.array([array.read(1.0).values for _ in range(30)])
-
-
-def test_twin_of_a_seed_gives_the_same_readings() -> None:
-    first, again, other = readings(3), readings(3), readings(4)
-    assert np.array_equal(first, again)
-    assert not np.array_equal(first, other)
-    assert first.std(axis=(0, 1)) == pytest.approx(np.full(3, 5e-6), rel=0.15)
-
-
-def test_twin_refuses_unknown_faults() -> None:
-    twin = twin_of()
-    with pytest.raises(ValueError, match='fault must be one of stuck_bus, unplug, nack'):
-        twin.inject('clock_jump')
-    with pytest.raises(ValueError, match='chip must be 0 to 19; received 20'):
-        twin.inject('nack', chip=20)
-    assert set(twin.injected) == set(twin.faults)
 
 
 def test_leading_clock_waits_seldom_and_never_goes_back() -> None:

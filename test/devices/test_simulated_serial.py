@@ -21,7 +21,7 @@ from tactile_ros.devices.simulated_serial import (
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.devices.transport import SerialPort
 from tactile_ros.errors import DeviceError, DeviceTimeout
-from tactile_ros.types import Array, Layout, TaxelStatus, Twin
+from tactile_ros.types import Array, Layout, Twin
 
 STEP = 1e-7
 MATRIX = Layout(np.zeros((16, 3)), ('p',), '1', rate_hz=500.0)
@@ -147,34 +147,3 @@ def test_twin_refuses_unknown_faults_and_missing_rates(layout: Layout) -> None:
     endless = ReskinTwin(Layout(np.zeros((5, 3)), ('x', 'y', 'z'), 'T', rate_hz=400.0), ramp)
     assert 'saturation' not in endless.faults
     assert 'saturation' in twin.faults
-
-
-def test_twin_saturates_and_freezes_chips_as_a_board_does(layout: Layout) -> None:
-    clock = VirtualClock()
-    with make_reskin(layout, clock) as twin, twin.device(clock.now_ns) as board:
-        twin.play(3)
-        twin.inject('saturation', 2)
-        twin.play(3)
-        twin.inject('stuck_chip', 2)
-        twin.play(3)
-        frames = [board.read(5.0) for _ in range(9)]
-    marked = [frame.status for frame in frames if frame.status is not None]
-    assert [sorted(status.tolist()) for status in marked] == [
-        [0, 0, 0, 0, TaxelStatus.SATURATED]
-    ] * 2
-    values = np.array([frame.values for frame in frames])
-    assert (values[6:8, 0] == values[5, 0]).all()
-    assert (values[6, 1:] != values[5, 1:]).all()
-
-
-def test_twin_of_a_seed_gives_the_same_bytes(layout: Layout) -> None:
-    def play(seed: int) -> np.ndarray:
-        clock = VirtualClock()
-        twin = ReskinTwin(layout, ramp, noise=1e-5, seed=seed, clock=clock)
-        with twin, twin.device(clock.now_ns) as board:
-            twin.inject('inserted', 2)
-            twin.play(20)
-            return np.array([board.read(5.0).values for _ in range(17)])
-
-    np.testing.assert_array_equal(play(1), play(1))
-    assert not np.array_equal(play(1), play(2))

@@ -23,9 +23,18 @@ from tactile_ros.devices.transport import I2cBus, SerialPort, list_ports
 from tactile_ros.errors import DeviceError, DeviceTimeout, MissingPackageError, NotAcknowledged
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from tactile_ros.devices.simulated_serial import SimulatedSerialPort
+
+
+@pytest.fixture
+def line(port: SimulatedSerialPort) -> Iterator[SerialPort]:
+    held = SerialPort(port.port)
+    held.open()
+    yield held
+    held.close()
 
 
 @pytest.fixture
@@ -34,24 +43,21 @@ def two_ports(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(serial.tools.list_ports, 'comports', lambda: ports)
 
 
-def test_serial_port_passes_all_bytes_untranslated(port: SimulatedSerialPort) -> None:
+def test_serial_port_passes_all_bytes_untranslated(
+    line: SerialPort, port: SimulatedSerialPort
+) -> None:
     everything = bytes(range(256)) + b'\r\n\r\r\n\n\x03\x04\x11\x13'
-    line = SerialPort(port.port)
-    line.open()
     port.send(everything)
     got = b''
     while len(got) < len(everything):
         got += line.read(5.0)
     assert got == everything
     line.close()
-    line.close()
 
 
 def test_serial_port_reads_what_there_is_and_waits_no_longer(
-    port: SimulatedSerialPort,
+    line: SerialPort, port: SimulatedSerialPort
 ) -> None:
-    line = SerialPort(port.port)
-    line.open()
     start = time.monotonic()
     assert line.read(0.03) == b''
     assert 0.029 < time.monotonic() - start < 1.0
@@ -59,7 +65,6 @@ def test_serial_port_reads_what_there_is_and_waits_no_longer(
     start = time.monotonic()
     assert line.read(10.0) == b'abc'
     assert time.monotonic() - start < 1.0
-    line.close()
 
 
 @pytest.mark.usefixtures('two_ports')
@@ -90,9 +95,7 @@ def test_serial_port_refuses_what_is_forbidden_or_no_port() -> None:
         SerialPort('/dev/null').open()
 
 
-def test_serial_port_closes_when_unplugged(port: SimulatedSerialPort) -> None:
-    line = SerialPort(port.port)
-    line.open()
+def test_serial_port_closes_when_unplugged(line: SerialPort, port: SimulatedSerialPort) -> None:
     port.unplug()
     with pytest.raises(DeviceError, match='was unplugged'):
         line.read(1.0)
@@ -101,9 +104,9 @@ def test_serial_port_closes_when_unplugged(port: SimulatedSerialPort) -> None:
         line.read(0.0)
 
 
-def test_serial_port_undoes_settings_of_other_programs(port: SimulatedSerialPort) -> None:
-    line = SerialPort(port.port)
-    line.open()
+def test_serial_port_undoes_settings_of_other_programs(
+    line: SerialPort, port: SimulatedSerialPort
+) -> None:
     other = os.open(port.port, os.O_RDWR | os.O_NOCTTY)  # no lock of files keeps it out
     settings = termios.tcgetattr(other)
     settings[6][termios.VMIN], settings[6][termios.VTIME] = 1, 0
@@ -116,14 +119,13 @@ def test_serial_port_undoes_settings_of_other_programs(port: SimulatedSerialPort
     came_back = not reading.is_alive()
     port.send(b'z')  # what would be waited for
     reading.join(5.0)
-    line.close()
     assert came_back
     assert told == [b'']
 
 
-def test_serial_port_may_be_closed_while_it_is_read(port: SimulatedSerialPort) -> None:
-    line = SerialPort(port.port)
-    line.open()
+def test_serial_port_may_be_closed_while_it_is_read(
+    line: SerialPort, port: SimulatedSerialPort
+) -> None:
     take, inside = line._take, threading.Event()
 
     def closed(terminal: int) -> bytes:
