@@ -138,24 +138,6 @@ def test_what_is_no_reading_is_followed_with_the_readings_and_says_nothing_about
     np.testing.assert_array_equal(found[..., :-1], plain[:200])
 
 
-@pytest.mark.parametrize('what', ['no stamps', 'no tracking', 'no threshold', 'lost taxel'])
-def test_nothing_is_followed_without(what: str) -> None:
-    values, stamp_ns = np.full((50, *SHAPE), 0.5), np.arange(50) * PERIOD_NS
-    start = np.zeros(SHAPE)
-    scale: np.ndarray | None = SCALE
-    if what == 'no tracking':
-        scale = None
-    elif what == 'no threshold':
-        scale = np.full(SHAPE, np.nan)
-    elif what == 'lost taxel':
-        values[:, 0] = np.nan
-    held = BaselineTracker(start, scale).follow(values, None if what == 'no stamps' else stamp_ns)[
-        0
-    ]
-    assert held.shape == values.shape
-    assert not held.any()
-
-
 def plain_baselines(
     recording: Recording, values: np.ndarray, start: np.ndarray, scale: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -254,32 +236,6 @@ def test_a_baseline_has_the_temperatures_of_its_frames_where_they_are_heeded() -
     assert np.isnan(learned.tared_by(learned.with_temperature(values, None)).temperature_c).all()
     with pytest.raises(ValueError, match='usable reading'):
         learned.tared_by(learned.with_temperature(np.full((4, *SHAPE), np.nan), chips[:4]))
-
-
-def test_what_no_chip_can_have_and_chips_of_dead_taxels_tell_no_temperature() -> None:
-    values, rows = resting(), np.arange(SAMPLES) < 150
-    chips = np.full((SAMPLES, 2), 20.0)
-    chips[3:8, 0] = -273.15, 1e9, np.inf, -np.inf, 1e300
-    rest = Rest.unknown(SHAPE, 0.1, uses_temperature=True)
-    learned = rest.learn(values, rows, None, no_restarts(), True, chips)
-    np.testing.assert_allclose(learned.temperature_c, 20.0)
-    partly = learned.threshold(values[:0], dead=np.array([False, True]))
-    np.testing.assert_allclose(partly.level[:, -1], [20.0, np.nan])
-    told = partly.tared_by(partly.with_temperature(values[:9], chips[:9])).temperature_c
-    np.testing.assert_allclose(told, [20.0, np.nan])
-
-
-def test_a_taxel_that_was_never_read_stays_unknown() -> None:
-    values = resting()
-    values[:, 1] = np.nan
-    stamp_ns = np.arange(SAMPLES) * 10_000_000
-    rest = Rest.unknown(SHAPE, None).learn(values, np.ones(SAMPLES, bool), stamp_ns, no_restarts())
-    assert np.isfinite(rest.baseline[0]).all()
-    assert np.isnan(rest.baseline[1]).all()
-    assert np.isnan(rest.noise[1]).all()
-    # and its touches do not raise the threshold to NaN
-    touched = values - rest.baseline
-    assert np.isnan(rest.threshold(touched).scale[1]).all()
 
 
 def test_contact_is_told_only_where_it_can_be() -> None:
@@ -417,14 +373,6 @@ def test_memory_begins_at_the_first_stamped_frame_and_after_a_tare() -> None:
     assert stream.tracker.baseline.tolist() == [[1.0]]
 
 
-def test_time_that_does_not_increase_ends_the_stream() -> None:
-    stream = new_stream()
-    assert not stream.is_over(np.array([5]))
-    restarts(stream, 3, 5)
-    assert not stream.is_over(None)
-    assert [stream.is_over(np.array([stamp])) for stamp in (6, 5, 4)] == [False, True, True]
-
-
 SIGMA = np.array([[0.5, 2.0, 0.0]])
 
 
@@ -441,12 +389,6 @@ def test_drift_is_no_noise() -> None:
     assert (rest.std(axis=0)[0] > 1.4).all()
 
 
-def test_a_quantised_channel_has_at_least_its_quantum() -> None:
-    rest = np.zeros((100, 1, 1))
-    rest[50] = 3.0
-    np.testing.assert_allclose(rest_noise(rest, np.zeros(100, int)), 3.0 / np.sqrt(12))
-
-
 def test_motion_makes_it_no_smaller() -> None:
     values = noisy()
     stamp_ns = np.arange(len(values)) * 10_000_000
@@ -456,21 +398,6 @@ def test_motion_makes_it_no_smaller() -> None:
     )
     moving = values + 50 * np.sin(stamp_ns * 1e-9)[:, None, None]
     assert (motion_noise(moving, stamp_ns, restart)[0, :2] > 0.9 * SIGMA[0, :2]).all()
-
-
-def test_a_lost_channel_is_unknown_and_lost_rows_are_passed_over() -> None:
-    values = noisy()
-    values[:, 0, 1] = np.nan
-    values[::7] = np.nan
-    stamp_ns = np.arange(len(values)) * 10_000_000
-    for noise in (
-        rest_noise(values, np.zeros(len(values), int)),
-        motion_noise(values, stamp_ns, np.zeros(len(values), bool)),
-    ):
-        assert np.isnan(noise[0, 1])
-        assert noise[0, 0] == pytest.approx(0.5, rel=0.1)
-    nothing = np.full((5, 1, 3), np.nan)
-    assert np.isnan(rest_noise(nothing, np.zeros(5, int))).all()
 
 
 @pytest.mark.parametrize('rows', [2, 3, 5, 40])

@@ -95,12 +95,3 @@ def test_frames_that_are_not_newer_and_values_that_are_missing() -> None:
     np.testing.assert_allclose(
         live(FadingMemory(TAUS), change, stamp_ns, restart), expected, rtol=0, atol=1e-9
     )
-
-
-def test_an_array_that_is_used_again_does_not_change_the_past() -> None:
-    change, stamp_ns, restart = stream(20, 3, 0)
-    history, reused = FadingMemory(TAUS), np.empty((1, 3))
-    for i, wanted in enumerate(live(FadingMemory(TAUS), change, stamp_ns, restart)):
-        reused[:] = change[i]
-        row = slice(i, i + 1)
-        np.testing.assert_array_equal(history(reused, stamp_ns[row], restart[row])[0], wanted)

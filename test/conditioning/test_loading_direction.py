@@ -84,11 +84,3 @@ def test_a_stream_forgets_the_one_before_it() -> None:
     assert set(np.unique(signs[:, :2])) == {-1.0, 0.0, 1.0}
     assert (signs[:, 2] == 0).all()
     assert (signs[900] == 0).all()
-
-
-def test_a_band_is_bounded_and_loads_that_never_were_have_one() -> None:
-    loud = np.random.default_rng(4).uniform(0, 1, (500, 1))
-    assert dead_band(np.hstack([loud, 0 * loud, np.full((500, 1), np.nan)])) == pytest.approx(
-        np.array([0.1, 1e-3, 1e-3]), rel=0.01
-    )
-    assert dead_band(np.zeros((0, 2))).tolist() == [0, 0]

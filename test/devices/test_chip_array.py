@@ -302,33 +302,6 @@ def test_chip_array_reads_the_same_field_with_all_settings(
         assert not any(array.counters().values())
 
 
-@pytest.mark.parametrize(
-    ('mode', 'expected'),
-    [
-        ('single', '70:01 0C:3f 0D:3f 70:02 0C:3f 0D:3f 70:01 0C:4f 0D:4f 70:02 0C:4f 0D:4f'),
-        ('burst', '70:01 0C:4f 0D:4f 70:02 0C:4f 0D:4f'),
-    ],
-)
-def test_chip_array_starts_all_then_reads_with_one_write_a_switch(
-    mode: Mode, expected: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    clock = VirtualClock()
-    twin = twin_of(clusters(2, 2), clock, mode)
-    seen: list[str] = []
-    carry = twin.buses[0].i2c_rdwr
-
-    def tapped(*messages: i2c_msg) -> None:
-        seen.append(f'{messages[0].addr:02X}:{bytes(messages[0]).hex()}')
-        carry(*messages)
-
-    monkeypatch.setattr(twin.buses[0], 'i2c_rdwr', tapped)
-    with twin.device(clock.now_ns) as array:
-        for _ in range(3):
-            seen.clear()
-            assert good(array.read(1.0)).all()
-            assert ' '.join(seen) == expected
-
-
 def test_chip_array_without_any_chip_does_not_open() -> None:
     twin = twin_of(clusters(1), VirtualClock())
     for i in range(4):
