@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Literal, TypeVar, get_args
 
 import numpy as np
@@ -47,116 +46,6 @@ COUNTERS = {
     'bus_errors': 'failures of a whole bus',
     'dropped': 'frames in which no chip could be read',
 }
-
-
-class ChipSupervisor:
-    """Keeps chips running: exchanges that may fail, and chips that come back.
-
-    `burst`: chips are started in burst mode when they are set up; `wait_ns` passes from the start
-    of a measurement to its reading. `failure` is the last one, in a sentence.
-    """
-
-    def __init__(self, chips: Sequence[Chip], burst: bool, wait_ns: int, clock: Clock) -> None:
-        self.counts = dict.fromkeys(COUNTERS, 0)
-        self.failure = ''
-        self._chips = chips
-        self._burst = burst
-        self._wait_ns = wait_ns
-        self._clock = clock
-
-    def begin(self) -> None:
-        """Set all chips up, as after opening."""
-        for chip in self._chips:
-            chip.lost, chip.losses, chip.pause_s = True, 0, 0.0
-            chip.retry_ns = self._clock.now_ns()
-            chip.switches.forget()
-        self.bring_back()
-
-    def end(self) -> None:
-        """Stop all chips that still answer."""
-        for chip in self._chips:
-            if not chip.lost and self._burst:
-                self.attempt(chip, partial(chip.command, Command.EXIT))
-            chip.lost = True
-
-    def attempt(self, chip: Chip, action: Callable[[], T]) -> T | None:
-        """Do something with a chip; None where it fails, which is counted and remembered."""
-        try:
-            return action()
-        except NotAcknowledged as err:
-            chip.switches.forget()
-            # the answer that was lost may have shown a reset
-            self.fail(chip, 'nacks', str(err))
-        except CommandRefused as err:
-            self.fail(chip, 'refused', str(err))
-        except DeviceError as err:
-            self.failure = str(err)
-            self.counts['bus_errors'] += 1
-            for other in self._chips:
-                if other.bus is chip.bus:
-                    other.switches.forget()
-                    self._lose(other, at_once=False)
-        return None
-
-    def fail(self, chip: Chip, counter: str, failure: str) -> None:
-        """Count a failure of one chip, which has to be set up again."""
-        self.failure = failure
-        self.counts[counter] += 1
-        self._lose(chip)
-
-    def _lose(self, chip: Chip, at_once: bool = True) -> None:
-        """Set a chip up again: at once, and after growing pauses then."""
-        chip.losses += 1
-        pause_s = min(max(2 * chip.pause_s, FIRST_RETRY_S), LONGEST_RETRY_S)
-        chip.pause_s = 0.0 if at_once and chip.losses == 1 else pause_s
-        chip.lost, chip.retry_ns = True, self._clock.now_ns() + round(chip.pause_s * 1e9)
-
-    def was_reset(self, chip: Chip, status: int) -> bool:
-        """True for a chip that lost its settings; it gets them back before the next frame."""
-        if not status & Status.RESET:
-            return False
-        self.fail(chip, 'resets', f'chip {chip.place} was reset: its supply broke down')
-        return True
-
-    def bring_back(self) -> None:
-        """Set up the lost chips whose time has come, all together."""
-        now_ns = self._clock.now_ns()
-        lost = [chip for chip in self._chips if chip.lost and chip.retry_ns <= now_ns]
-        if lost:
-            lost = self._each(lost, lambda chip: chip.bus.open())
-            lost = self._each(lost, lambda chip: chip.command(Command.EXIT), EXIT_WAIT_S)
-            lost = self._each(lost, Chip.reset, RESET_WAIT_S)
-            self._each(lost, self._set_up)
-
-    def _each(
-        self, chips: list[Chip], action: Callable[[Chip], object], wait_s: float = 0.0
-    ) -> list[Chip]:
-        """Do something with every chip, then wait; the chips with which it went well."""
-        begun_ns = self._clock.now_ns()
-        done = []
-        for chip in chips:
-            # a bus that failed for one chip is not tried for the next
-            if chip.retry_ns > begun_ns:
-                continue
-            if self.attempt(chip, partial(_done, action, chip)) is not None:
-                done.append(chip)
-        if done:
-            self._clock.sleep(wait_s)
-        return done
-
-    def _set_up(self, chip: Chip) -> None:
-        again = chip.configured
-        chip.configure()
-        if self._burst:
-            chip.command(Command.START_BURST)
-        self.counts['reconfigured'] += again
-        chip.lost = False
-        chip.ready_ns = self._clock.now_ns() + self._wait_ns
-
-
-def _done(action: Callable[[Chip], object], chip: Chip) -> bool:
-    action(chip)
-    return True
 
 
 class ChipArray(Closing, Device):
@@ -207,7 +96,8 @@ class ChipArray(Closing, Device):
             for number, bus in enumerate(buses)
         ]
         self._chips = [Chip(p, buses[p.bus], switches[p.bus], settings) for p in places]
-        self._supervisor = ChipSupervisor(self._chips, self._burst, self._wait_ns, clock)
+        self._counts = dict.fromkeys(COUNTERS, 0)
+        self._failure = ''  # the last one, in a sentence
         self._decoder = Decoder(settings, np.zeros(len(places)))
         self._faults = ChipFaultDetector(len(places), settings.full_scale)
         self._answers = bytearray(settings.answer_bytes * len(places))
@@ -228,7 +118,7 @@ class ChipArray(Closing, Device):
 
     def counters(self) -> dict[str, int]:
         """Counts since the driver was made, by `COUNTERS`, and how many chips are missing now."""
-        return {**self._supervisor.counts, 'missing': len(self.missing)}
+        return {**self._counts, 'missing': len(self.missing)}
 
     def __enter__(self) -> ChipArray:
         """Open."""
@@ -249,14 +139,18 @@ class ChipArray(Closing, Device):
             raise
         self._faults.forget()
         self._last_stamp_ns = None
-        self._supervisor.begin()
+        for chip in self._chips:
+            chip.lost, chip.losses, chip.pause_s = True, 0, 0.0
+            chip.retry_ns = self._clock.now_ns()
+            chip.switches.forget()
+        self._bring_back()
         if all(chip.lost for chip in self._chips):
             # one transfer that failed is no missing sensor
             self._wait_until(max(chip.retry_ns for chip in self._chips))
-            self._supervisor.bring_back()
+            self._bring_back()
         if all(chip.lost for chip in self._chips):
             self.close()
-            raise DeviceError(self._supervisor.failure)
+            raise DeviceError(self._failure)
         # not handed out: the first real frame is compared with it
         sequence = self._sequence
         self._measure()
@@ -267,7 +161,10 @@ class ChipArray(Closing, Device):
     def close(self) -> None:
         """Stop the chips and let the buses go."""
         self._opened = False
-        self._supervisor.end()
+        for chip in self._chips:
+            if not chip.lost and self._burst:
+                self._attempt(chip, lambda chip: chip.command(Command.EXIT))
+            chip.lost = True
         for bus in self._buses:
             bus.close()
 
@@ -284,15 +181,15 @@ class ChipArray(Closing, Device):
         self._wait_until(self._next_ns)
         self._next_ns = max(self._next_ns + self._period_ns, self._clock.now_ns())
         while True:
-            self._supervisor.bring_back()
+            self._bring_back()
             frame = self._measure()
             if frame is not None:
                 return frame
             self._sequence += 1
-            self._supervisor.counts['dropped'] += 1
+            self._counts['dropped'] += 1
             remaining = (deadline_ns - self._clock.now_ns()) * 1e-9
             if remaining <= 0:
-                msg = f'{self._supervisor.failure}; trying again'
+                msg = f'{self._failure}; trying again'
                 raise DeviceTimeout(msg)
             self._clock.sleep(min(FIRST_RETRY_S, remaining))
 
@@ -300,6 +197,79 @@ class ChipArray(Closing, Device):
         remaining_ns = time_ns - self._clock.now_ns()
         if remaining_ns > 0:
             self._clock.sleep(remaining_ns * 1e-9)
+
+    def _attempt(self, chip: Chip, action: Callable[[Chip], T]) -> T | None:
+        """Do something with a chip; None where it fails, which is counted and remembered."""
+        try:
+            return action(chip)
+        except NotAcknowledged as err:
+            chip.switches.forget()
+            # the answer that was lost may have shown a reset
+            self._fail(chip, 'nacks', str(err))
+        except CommandRefused as err:
+            self._fail(chip, 'refused', str(err))
+        except DeviceError as err:
+            self._failure = str(err)
+            self._counts['bus_errors'] += 1
+            for other in self._chips:
+                if other.bus is chip.bus:
+                    other.switches.forget()
+                    self._lose(other, at_once=False)
+        return None
+
+    def _fail(self, chip: Chip, counter: str, failure: str) -> None:
+        """Count a failure of one chip, which has to be set up again."""
+        self._failure = failure
+        self._counts[counter] += 1
+        self._lose(chip)
+
+    def _lose(self, chip: Chip, at_once: bool = True) -> None:
+        """Set a chip up again: at once, and after growing pauses then."""
+        chip.losses += 1
+        pause_s = min(max(2 * chip.pause_s, FIRST_RETRY_S), LONGEST_RETRY_S)
+        chip.pause_s = 0.0 if at_once and chip.losses == 1 else pause_s
+        chip.lost, chip.retry_ns = True, self._clock.now_ns() + round(chip.pause_s * 1e9)
+
+    def _was_reset(self, chip: Chip, status: int) -> bool:
+        """True for a chip that lost its settings; it gets them back before the next frame."""
+        if status & Status.RESET:
+            self._fail(chip, 'resets', f'chip {chip.place} was reset: its supply broke down')
+        return bool(status & Status.RESET)
+
+    def _bring_back(self) -> None:
+        """Set up the lost chips whose time has come, all together."""
+        now_ns = self._clock.now_ns()
+        lost = [chip for chip in self._chips if chip.lost and chip.retry_ns <= now_ns]
+        if lost:
+            lost = self._each(lost, lambda chip: chip.bus.open())
+            lost = self._each(lost, lambda chip: chip.command(Command.EXIT), EXIT_WAIT_S)
+            lost = self._each(lost, Chip.reset, RESET_WAIT_S)
+            self._each(lost, self._set_up)
+
+    def _each(
+        self, chips: list[Chip], action: Callable[[Chip], object], wait_s: float = 0.0
+    ) -> list[Chip]:
+        """Do something with every chip, then wait; the chips with which it went well."""
+        begun_ns = self._clock.now_ns()
+        done = []
+        for chip in chips:
+            # a bus that failed for one chip is not tried for the next
+            if chip.retry_ns <= begun_ns:
+                losses = chip.losses
+                self._attempt(chip, action)
+                done += [chip] * (chip.losses == losses)
+        if done:
+            self._clock.sleep(wait_s)
+        return done
+
+    def _set_up(self, chip: Chip) -> None:
+        again = chip.configured
+        chip.configure()
+        if self._burst:
+            chip.command(Command.START_BURST)
+        self._counts['reconfigured'] += again
+        chip.lost = False
+        chip.ready_ns = self._clock.now_ns() + self._wait_ns
 
     def _measure(self) -> Frame | None:
         """Measure one frame; None when no chip could be read."""
@@ -319,12 +289,12 @@ class ChipArray(Closing, Device):
         chip.ready_ns = 0
         if chip.lost:
             return
-        status = self._supervisor.attempt(chip, partial(chip.command, Command.START_SINGLE))
-        if status is None or self._supervisor.was_reset(chip, status):
+        status = self._attempt(chip, lambda chip: chip.command(Command.START_SINGLE))
+        if status is None or self._was_reset(chip, status):
             return
         if status & Status.ERROR:
             failure = f'chip {chip.place} refuses to measure (status {status:#04x})'
-            self._supervisor.fail(chip, 'refused', failure)
+            self._fail(chip, 'refused', failure)
             return
         chip.started_ns = self._clock.now_ns()
         chip.ready_ns = chip.started_ns + self._wait_ns
@@ -334,15 +304,15 @@ class ChipArray(Closing, Device):
         self._wait_until(chip.ready_ns)
         while True:
             asked_ns = self._clock.now_ns()
-            answer = self._supervisor.attempt(chip, chip.read)
-            if answer is None or self._supervisor.was_reset(chip, answer[0]):
+            answer = self._attempt(chip, Chip.read)
+            if answer is None or self._was_reset(chip, answer[0]):
                 return None
             if not answer[0] & Status.ERROR:
                 break
-            self._supervisor.counts['not_ready'] += 1
+            self._counts['not_ready'] += 1
             if self._clock.now_ns() >= chip.ready_ns + self._conversion_ns:
                 failure = f'chip {chip.place} does not finish measuring'
-                self._supervisor.fail(chip, 'stalls', failure)
+                self._fail(chip, 'stalls', failure)
                 return None
             self._clock.sleep(self._conversion_ns * 1e-9 / POLLS_PER_CONVERSION)
         chip.losses, chip.pause_s = 0, 0.0
@@ -369,7 +339,7 @@ class ChipArray(Closing, Device):
             if temperature_c is not None:
                 temperature_c[~measured] = np.nan
         sequence, self._sequence = self._sequence, self._sequence + 1
-        dropped = self._supervisor.counts['dropped']
+        dropped = self._counts['dropped']
         return Frame(stamp_ns, sequence, values, temperature_c, status, dropped=dropped)
 
     def _stamp_ns(self, measured: Bools) -> int:
