@@ -119,9 +119,7 @@ def _check_directory(file: io.BufferedReader) -> None:
     file.seek(0)
 
 
-def _check_members(
-    listed: Sequence[zipfile.ZipInfo], most_members: int, most_bytes: int
-) -> None:
+def _check_members(listed: Sequence[zipfile.ZipInfo], most_members: int, most_bytes: int) -> None:
     """Cap the count, the names and the unpacked size of members before unpacking any."""
     unpacked = sum(member.file_size for member in listed)
     if len(listed) > most_members or unpacked > most_bytes:

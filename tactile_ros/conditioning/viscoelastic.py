@@ -15,11 +15,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.optimize import minimize
 
-from tactile_ros.conditioning.fading_memory import (
-    SECONDS_PER_NS,
-    FadingMemory,
-    branch_weights,
-)
+from tactile_ros.conditioning.fading_memory import SECONDS_PER_NS, FadingMemory, branch_weights
 from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array, Bools, Integers
 

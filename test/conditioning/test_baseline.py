@@ -110,10 +110,7 @@ def test_tracking_one_by_one_in_pieces_and_in_batch(
     tracker = BaselineTracker(start, SCALE)
     np.testing.assert_allclose(tracker.follow(values, stamp_ns)[0], wanted, rtol=0, atol=1e-12)
     edges = [0, *sorted(min(cut, samples) for cut in cuts), samples]
-    for pieces in (
-        list(pairwise(edges)),
-        [(i, i + 1) for i in range(samples)],
-    ):
+    for pieces in (list(pairwise(edges)), [(i, i + 1) for i in range(samples)]):
         pieced = BaselineTracker(start, SCALE)
         held = [pieced.follow(values[a:b], stamp_ns[a:b])[0] for a, b in pieces]
         found = np.concatenate(held) if held else np.zeros((0, *SHAPE))

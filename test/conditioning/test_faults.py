@@ -9,12 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from tactile_ros.conditioning.faults import (
-    frame_faults,
-    taxel_faults,
-    usable_rows,
-    without_faults,
-)
+from tactile_ros.conditioning.faults import frame_faults, taxel_faults, usable_rows, without_faults
 from tactile_ros.types import FrameStatus, Layout, TaxelStatus
 
 LIMIT = np.array([1.0, np.inf])

@@ -50,10 +50,7 @@ def test_chip_connection_refuses_places(wrong: dict[str, object], words: str) ->
 @pytest.mark.parametrize(
     ('wrong', 'words'),
     [
-        (
-            {'transport': 'spi'},
-            'transport of ChipConnection must be one of i2c, serial; receive',
-        ),
+        ({'transport': 'spi'}, 'transport of ChipConnection must be one of i2c, serial; receive'),
         ({'mode': 'slow'}, 'mode of ChipConnection must be one of single, burst'),
         ({'baud': 300}, 'baud of ChipConnection must be a whole number from 1200'),
     ],

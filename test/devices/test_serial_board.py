@@ -19,9 +19,7 @@ from tactile_ros.devices.framed_protocol import (
 )
 from tactile_ros.devices.reskin_protocol import encode
 from tactile_ros.devices.serial_board import FramedBoard, ReskinBoard, SerialBoard
-from tactile_ros.devices.simulated_serial import (
-    SimulatedSerialPort,
-)
+from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.types import Array, Frame, Layout, TaxelStatus
