@@ -70,7 +70,7 @@ class FramedSubject:
     def frames(self, count: int, rng: np.random.Generator) -> tuple[list[bytes], list[bytes]]:
         """Frames on the wire, and what each is when it is decoded."""
         payload = self._payload
-        low, high = (-30_000, 30_000) if payload.signed else (0, payload.full_count)
+        low, high = (0, payload.full_count) if payload.one_converter else (-30_000, 30_000)
         counts = rng.integers(low, high, (count, payload.count, payload.channels))
         data = framed_protocol.encode(payload, counts, self._sequence, np.arange(count) * 1000)
         self._sequence += count

@@ -84,11 +84,6 @@ class Payload:
         return self.kind in (Kind.TAXELS, Kind.WIRES)
 
     @property
-    def signed(self) -> bool:
-        """True where counts may be negative."""
-        return not self.one_converter
-
-    @property
     def size(self) -> int:
         """Length (bytes)."""
         return self.frame['body'].itemsize
@@ -171,7 +166,7 @@ def encode(
         msg = f'counts of encode must have shape {want} or (s, {want[1:]}; received {table.shape}'
         raise ValueError(msg)
     table = table.reshape(-1, *table.shape[-2:])
-    table = np.clip(table, -payload.full_count if payload.signed else 0, payload.full_count)
+    table = np.clip(table, 0 if payload.one_converter else -payload.full_count, payload.full_count)
     shape = table.shape[:2]
     degrees = np.broadcast_to(np.asarray(temperature_c, np.float64), shape)
     temperature = np.where(np.isnan(degrees), NO_TEMPERATURE, np.rint(degrees * 100))

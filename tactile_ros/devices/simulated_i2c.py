@@ -30,6 +30,7 @@ POWER_ON_NS = 1_600_000
 FACTORY = {0x00: 0x007C, 0x02: 0x0000, 0x04: 0x0000, 0x05: 0x0000, 0x06: 0x0000}
 BURST_STEP_S = 20e-3
 NEVER_NS = 1 << 62
+SIGNAL_STEP_S = 1e-3
 HELD_S = 0.02  # so long the adapter holds a transfer on a stuck bus
 
 BUS_FAULTS = ('stuck_bus', 'unplug')
@@ -309,7 +310,7 @@ class ChipArrayTwin(Closing):
         Of the driver, see `ChipArray`.
     signal, temperature_c : callable, callable or None
         Time since the start (s) -> flux density in chip axes (t, 3) (T); chip temperatures (t,)
-        (degrees Celsius), None: 25. Asked for at multiples of `signal_step_s`, for all chips.
+        (degrees Celsius), None: 25. Asked for once a ms, for all chips.
     noise : float or array_like, shape (3,)
         Standard deviation of a reading (T).
     tolerance, hertz : float
@@ -336,7 +337,7 @@ class ChipArrayTwin(Closing):
         temperature_c: Callable[[float], Array] | None = None,
         settings: ChipSettings | None = None, mode: Mode = 'single', rate_hz: float | None = None,
         noise: npt.ArrayLike = 5e-6, tolerance: float = 0.03, hertz: float = 400e3,
-        signal_step_s: float = 1e-3, clock: Clock | None = None, seed: int = 0,
+        clock: Clock | None = None, seed: int = 0,
     ) -> None:  # fmt: skip
         self.injected = dict.fromkeys(self.faults, 0)
         virtual = isinstance(clock, VirtualClock)
@@ -349,7 +350,6 @@ class ChipArrayTwin(Closing):
             ChipArray, places=places, layout=layout, settings=settings, mode=mode,
             rate_hz=rate_hz, clock=self._clock, bus_hz=hertz,
         )  # fmt: skip
-        self._step_s = signal_step_s
         self._waiting: deque[tuple[str, int, int]] = deque()
         self._held: tuple[int, Array, Array] | None = None
         self._rng = np.random.default_rng(seed)
@@ -431,9 +431,9 @@ class ChipArrayTwin(Closing):
 
     def _sample(self, chip: int, time_ns: int) -> tuple[Array, float]:
         """Flux density, shape (3,) (T), and temperature (degrees Celsius) at a chip."""
-        step = round((time_ns - self._start_ns) * 1e-9 / self._step_s)
+        step = round((time_ns - self._start_ns) * 1e-9 / SIGNAL_STEP_S)
         if self._held is None or self._held[0] != step:
-            t = step * self._step_s
+            t = step * SIGNAL_STEP_S
             field = np.asarray(self._signal(t), np.float64)
             temperature = np.full(len(self._chips), 25.0)
             if self._temperature_c is not None:

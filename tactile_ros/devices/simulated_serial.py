@@ -24,6 +24,7 @@ from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.types import Array, Closing, Device, Layout
 
 Own = TypeVar('Own', bound='SerialTwin')
+Driver = Callable[[str, Callable[[], int]], Device]  # on a port, with stamps by a clock (ns)
 
 BYTE_FAULTS = ('dropped', 'doubled', 'flipped', 'garbage', 'inserted', 'truncated', 'shifted')
 SERIAL_FAULTS = (*BYTE_FAULTS, 'lost', 'stall', 'unplug', 'stuck_chip', 'saturation')
@@ -182,9 +183,9 @@ class SerialTwin(Closing):
     one_converter = False
 
     def __init__(
-        self, layout: Layout, signal: Callable[[float], Array], noise: npt.ArrayLike = 0.0,
-        temperature_c: Callable[[float], Array] | None = None, seed: int = 0,
-        clock: VirtualClock | None = None,
+        self, layout: Layout, driver: Driver, signal: Callable[[float], Array],
+        noise: npt.ArrayLike, temperature_c: Callable[[float], Array] | None, seed: int,
+        clock: VirtualClock | None,
     ) -> None:  # fmt: skip
         if not 0 < layout.rate_hz < np.inf:
             msg = f'rate_hz of the layout of a twin must be above 0; received {layout.rate_hz}'
@@ -194,7 +195,7 @@ class SerialTwin(Closing):
             self.faults = tuple(fault for fault in self.faults if fault != 'saturation')
         self.injected: dict[str, int] = dict.fromkeys(self.faults, 0)
         self.overruns = 0
-        self._signal = signal
+        self._driver, self._signal = driver, signal
         self._noise = np.broadcast_to(np.asarray(noise, np.float64), layout.shape)
         self._temperature_c = temperature_c
         self._rng = np.random.default_rng(seed)
@@ -246,7 +247,7 @@ class SerialTwin(Closing):
 
     def device(self, clock_ns: Callable[[], int]) -> Device:
         """The real driver on this twin's port, stamped by `clock_ns`; not yet entered."""
-        raise NotImplementedError
+        return self._driver(self.port, clock_ns)
 
     def inject(self, fault: str, count: int = 1) -> None:
         """Let the next `count` frames suffer a fault, after those that are waiting already.
@@ -370,17 +371,13 @@ class ReskinTwin(SerialTwin):
         self, layout: Layout, signal: Callable[[float], Array], noise: npt.ArrayLike = 0.0,
         temperature_c: Callable[[float], Array] | None = None, seed: int = 0,
         clock: VirtualClock | None = None, quantum: npt.ArrayLike | None = None,
-        driver: Callable[[str, Callable[[], int]], Device] | None = None,
+        driver: Driver | None = None,
     ) -> None:  # fmt: skip
-        super().__init__(layout, signal, noise, temperature_c, seed, clock)
-        self._quantum = None if quantum is None else np.broadcast_to(quantum, 3)
-        self._driver = driver
+        def usual(port: str, clock_ns: Callable[[], int]) -> Device:
+            return ReskinBoard(port, layout, clock=clock_ns, quantum=self._quantum)
 
-    def device(self, clock_ns: Callable[[], int]) -> Device:
-        """The real driver on this twin's port, stamped by `clock_ns`; not yet entered."""
-        if self._driver is not None:
-            return self._driver(self.port, clock_ns)
-        return ReskinBoard(self.port, self.layout, clock=clock_ns, quantum=self._quantum)
+        super().__init__(layout, driver or usual, signal, noise, temperature_c, seed, clock)
+        self._quantum = None if quantum is None else np.broadcast_to(quantum, 3)
 
     def _bytes(self, values: Array, temperature_c: Array, t: float, fault: str) -> bytes:
         if self._quantum is not None:
@@ -408,19 +405,15 @@ class FramedTwin(SerialTwin):
         clock: VirtualClock | None = None, baud: int = 115200, native_usb: bool = True,
     ) -> None:  # fmt: skip
         self._payload = payload
+
+        def driver(port: str, clock_ns: Callable[[], int]) -> Device:
+            return FramedBoard(port, layout, payload, scale, baud, native_usb, clock_ns)
+
         self._scale = np.broadcast_to(np.asarray(scale, np.float64), layout.shape)
-        super().__init__(layout, signal, noise, temperature_c, seed, clock)
+        super().__init__(layout, driver, signal, noise, temperature_c, seed, clock)
         self.one_converter = payload.one_converter
-        self._baud, self._native_usb = baud, native_usb
         self._origin_us = 0.0
         self._sequence = 0
-
-    def device(self, clock_ns: Callable[[], int]) -> FramedBoard:
-        """The real driver on this twin's port, stamped by `clock_ns`; not yet entered."""
-        return FramedBoard(
-            self.port, self.layout, self._payload, self._scale, self._baud, self._native_usb,
-            clock_ns,
-        )  # fmt: skip
 
     def _boot(self, t: float) -> None:
         self._sequence = 0
@@ -450,16 +443,12 @@ class LineTwin(SerialTwin):
         seed: int = 0, clock: VirtualClock | None = None, scale: npt.ArrayLike = 1.0,
         decimals: int = 0, baud: int = 115200, native_usb: bool = False,
     ) -> None:  # fmt: skip
-        super().__init__(layout, signal, noise, None, seed, clock)
+        def driver(port: str, clock_ns: Callable[[], int]) -> Device:
+            return LineBoard(port, layout, scale, baud, native_usb, clock_ns)
+
+        super().__init__(layout, driver, signal, noise, None, seed, clock)
         self._scale = np.broadcast_to(np.asarray(scale, np.float64), layout.shape)
         self._decimals = decimals
-        self._baud, self._native_usb = baud, native_usb
-
-    def device(self, clock_ns: Callable[[], int]) -> LineBoard:
-        """The real driver on this twin's port, stamped by `clock_ns`; not yet entered."""
-        return LineBoard(
-            self.port, self.layout, self._scale, self._baud, self._native_usb, clock_ns
-        )
 
     def _bytes(self, values: Array, temperature_c: Array, t: float, fault: str) -> bytes:
         return text_lines.encode(values / self._scale, self._decimals)

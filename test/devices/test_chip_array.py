@@ -178,7 +178,6 @@ def test_chip_array_measures_the_field_when_it_stamps_it(mode: Mode) -> None:
     clock = VirtualClock()
     twin = twin_of(
         clusters(), clock, mode, signal=lambda t: np.full((20, 3), 0.1 * t - 5e-3), noise=0.0,
-        signal_step_s=1e-6,
     )  # fmt: skip
     with twin, twin.device(clock.now_ns) as array:
         frames = [array.read(1.0) for _ in range(50)]

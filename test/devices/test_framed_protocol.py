@@ -38,7 +38,7 @@ all_payloads = pytest.mark.parametrize('payload', PAYLOADS, ids=str)
 def some(payload: Payload, frames: int, seed: int = 0) -> np.ndarray:
     """Counts within the converter's limits."""
     highest = payload.full_count - 1
-    lowest = -highest if payload.signed else 0
+    lowest = 0 if payload.one_converter else -highest
     shape = (frames, payload.count, payload.channels)
     return np.random.default_rng(seed).integers(lowest, highest, shape)
 
