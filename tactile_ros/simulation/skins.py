@@ -35,6 +35,7 @@ from tactile_ros.types import Array, Closing, Recording
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from tactile_ros.devices.serial_board import FramedBoard
     from tactile_ros.devices.simulated_serial import FramedTwin
     from tactile_ros.sensors.registry import Connection, SensorSpec
     from tactile_ros.types import Array, ContactState, Frame, SensorConfig
@@ -93,7 +94,7 @@ class Fingertip(Closing):
         clock = VirtualClock(1_000_000_000)
         twin = skin.spec.simulate(skin.config, skin.connection, self._now, seed, clock)
         self._twin = cast('FramedTwin', twin)
-        self._board = self._twin.device(clock.now_ns)
+        self._board = cast('FramedBoard', self._twin.device(clock.now_ns))
 
     @property
     def frame_rate(self) -> float:
