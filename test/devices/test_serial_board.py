@@ -271,7 +271,7 @@ def test_serial_board_tries_a_missing_port_with_growing_pauses(
 
 
 def rows_of(payload: Payload, seed: int, noise: float, count: int) -> np.ndarray:
-    """Counts (s, t, c) of a sensor whose channels stand still but for their noise."""
+    """Counts (s, t, c) of a sensor at rest."""
     rng = np.random.default_rng(seed)
     level = rng.integers(300, 700, (payload.count, payload.channels))
     return level + np.rint(noise * rng.normal(size=(count, *level.shape))).astype(np.int64)
