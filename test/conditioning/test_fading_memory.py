@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -62,14 +61,6 @@ def test_batch_is_the_plain_loop(count: int) -> None:
     np.testing.assert_allclose(
         FadingMemory(TAUS)(*rows), plain_means(*rows, TAUS), rtol=0, atol=1e-9
     )
-
-
-def test_few_frames_at_once_are_live_to_the_last_bit() -> None:
-    rows = stream(200, 5, seed=1)
-    history = FadingMemory(TAUS)
-    edges = [0, 1, 3, 10, 74, 138, 200]
-    pieces = [history(*(column[a:b] for column in rows)) for a, b in pairwise(edges)]
-    np.testing.assert_array_equal(np.concatenate(pieces), live(FadingMemory(TAUS), *rows))
 
 
 def test_frames_that_are_not_newer_and_values_that_are_missing() -> None:

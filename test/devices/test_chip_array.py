@@ -191,34 +191,6 @@ def test_chip_array_measures_the_field_when_it_stamps_it(mode: Mode) -> None:
     assert np.abs(late).max() < 1.5e-3
 
 
-FAULTS = {
-    'saturation': (TaxelStatus.SATURATED, ''), 'wrap': (TaxelStatus.WRAPPED, ''),
-    'nack': (TaxelStatus.ERROR, 'nacks'), 'brown_out': (TaxelStatus.ERROR, 'resets'),
-    'stall': (TaxelStatus.ERROR, 'stalls'),
-}  # fmt: skip
-
-
-@both_modes
-@pytest.mark.parametrize('fault', FAULTS)
-def test_chip_array_loses_a_failing_chip_alone(fault: str, mode: Mode) -> None:
-    clock, count = VirtualClock(), 3
-    twin = twin_of(clusters(), clock, mode)
-    mark, counter = FAULTS[fault]
-    with twin, twin.device(clock.now_ns) as array:
-        array.read(1.0)
-        twin.inject(fault, count, chip=7)
-        frames = [array.read(1.0) for _ in range(60)]
-        counts = array.counters()
-    assert not any(hidden(frame) for frame in frames)
-    bad = np.array([~good(frame) for frame in frames])
-    assert not np.delete(bad, 7, axis=1).any()
-    assert {frame.status[7] for frame in frames if not good(frame)[7]} == {mark}
-    assert bad.sum() >= (1 if fault == 'nack' else count)
-    assert good(frames[-1]).all()
-    assert twin.injected[fault] == counts.get(counter, count) == count
-    assert counts['dropped'] == 0
-
-
 @both_modes
 def test_chip_array_names_a_dead_chip_and_does_not_wait_for_it(mode: Mode) -> None:
     clock = VirtualClock()

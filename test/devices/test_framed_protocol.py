@@ -11,17 +11,14 @@ import numpy as np
 import pytest
 
 from tactile_ros.devices.framed_protocol import (
-    MOST_BYTES,
     FramedDecoder,
     Payload,
     encode,
     five_wires,
     frame_bytes,
     gradiometer,
-    pack_bits,
     taxel_matrix,
     three_axis_chips,
-    unpack_bits,
 )
 from tactile_ros.devices.simulated_serial import BYTE_FAULTS, damage
 from tactile_ros.types import TaxelStatus
@@ -83,16 +80,6 @@ def test_decoder_gives_what_was_encoded(payload: Payload) -> None:
     if wanted is not None:
         np.testing.assert_allclose(decoded.temperature_c, wanted, atol=1e-9)
     assert (decoder.counts.frames, decoder.counts.dropped, decoder.counts.lost_bytes) == (50, 0, 0)
-
-
-def test_bits_are_packed_lowest_first() -> None:
-    """Against the definition: count i is bits 10 i .. 10 i + 9 of the byte string as a number."""
-    counts = np.random.default_rng(0).integers(0, 1024, (3, 70)).astype(np.uint16)
-    packed = pack_bits(counts)
-    for row, data in zip(counts, packed, strict=True):
-        number = sum(int(count) << 10 * i for i, count in enumerate(row))
-        assert data.tobytes() == number.to_bytes(90, 'little')
-    np.testing.assert_array_equal(unpack_bits(packed, 70), counts)
 
 
 def test_decoder_turns_limits_and_states_into_status() -> None:
@@ -205,18 +192,6 @@ def test_decoder_counts_by_the_sequence(
     assert came[-1]  # the last one comes at once
     counts = {name: count for name, count in vars(decoder.counts).items() if count}
     assert counts == {'frames': len(lost), **counted}
-
-
-def test_decoder_holds_little_whatever_comes() -> None:
-    rng = np.random.default_rng(4)
-    foreign = encode(taxel_matrix(3000), np.zeros((3000, 1), int), 0, 0)
-    decoder = FramedDecoder(taxel_matrix(2000))
-    for data in (rng.bytes(200_000), b'\xa5\x5a' * 50_000, foreign[:8] * 9000, b'\xa5' * 100_000):
-        for i in range(0, len(data), 4096):
-            decoder.feed(data[i : i + 4096])
-            assert decoder.pending < 2 * (MOST_BYTES + 20)
-    decoder.reset()
-    assert decoder.pending == 0
 
 
 @pytest.mark.parametrize(

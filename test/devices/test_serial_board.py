@@ -64,28 +64,6 @@ def statuses(frames: list[Frame]) -> Array:
 # --- ReSkin ---
 
 
-def test_reskin_board_reads_rows(
-    port: SimulatedSerialPort, board: ReskinBoard, rows: np.ndarray
-) -> None:
-    port.send(encode(rows[:10], 31.5))
-    frames = take(board, 10)
-    assert [f.sequence for f in frames] == list(range(10))
-    np.testing.assert_allclose([f.values for f in frames], rows[:10], rtol=1e-6, atol=1e-10)
-    assert frames[0].values.shape == board.layout.shape
-    assert all((f.temperature_c == 31.5).all() for f in frames)
-    assert all(f.status is None and f.dropped == 0 for f in frames)
-    assert (np.diff([f.stamp_ns for f in frames]) > 0).all()
-    assert board.counters() == {
-        'frames': 10, 'dropped': 0, 'lost_bytes': 0, 'framing_errors': 0, 'implausible': 0,
-        'reconnects': 0, 'temperatures_refused': 0, 'suspected': 0,
-    }  # fmt: skip
-    port.send(encode(rows[10])[:50])
-    with pytest.raises(DeviceTimeout):
-        board.read(0.0)
-    port.send(encode(rows[10])[50:])
-    assert board.read(1.0).sequence == 10
-
-
 @pytest.mark.parametrize(
     ('how', 'age_ns'),
     [

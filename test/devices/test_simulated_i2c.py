@@ -9,7 +9,7 @@ from smbus2 import i2c_msg
 
 from tactile_ros.devices.mlx90393 import ChipPlace
 from tactile_ros.devices.simulated_i2c import SimulatedChip, SimulatedI2cBus
-from tactile_ros.devices.timestamps import LeadingClock, VirtualClock
+from tactile_ros.devices.timestamps import VirtualClock
 
 BURST, SINGLE, ERROR, RESET = 0x80, 0x20, 0x10, 0x04
 CONVERSION_NS = 2_102_000  # OSR 0, DIG_FILT 2, with temperature
@@ -117,32 +117,3 @@ def test_simulated_bus_hides_channels_behind_switches() -> None:
     bench.ask('00', 1)
     bench.bus.power_down(bench.clock.now_ns())
     assert bench.ask('', 1, 0x70) == b'\x00'
-
-
-def test_simulated_bus_mixes_two_chips_at_one_address() -> None:
-    places = [ChipPlace(0x0C, 0, 0x70, 0), ChipPlace(0x0C, 0, 0x70, 1)]
-    bench = Bench(*places)
-    for mask, word in (('01', '0F 0F'), ('02', 'FF 00')):
-        bench.ask(mask, 0, 0x70)
-        bench.configure(word)
-    bench.ask('03', 0, 0x70)
-    assert bench.ask('50 08', 3) == bytes.fromhex('00 0F 00')
-
-
-def test_leading_clock_waits_seldom_and_never_goes_back() -> None:
-    waits: list[float] = []
-
-    class Counted(VirtualClock):
-        def sleep(self, seconds: float) -> None:
-            waits.append(seconds)
-            super().sleep(seconds)
-
-    clock = Counted()
-    leading = LeadingClock(clock, 1e-3)
-    for i in range(100):
-        assert leading.now_ns() == i * 100_000
-        leading.sleep(1e-4)
-    assert len(waits) == 9
-    assert 0 <= leading.now_ns() - clock.now_ns() <= 1_000_000
-    clock.sleep(1.0)
-    assert leading.now_ns() == clock.now_ns()
