@@ -153,3 +153,15 @@ def test_calm_frames_raise_the_threshold_as_far_as_firm_touches_allow() -> None:
     assert calm_factor(None, rows, scale) == 1.0
     assert calm_factor(rows[:0], rows, scale) == 1.0
     assert calm_factor(rows, rows, np.full((1, 2), np.nan)) == 1.0
+
+
+@given(STREAM)
+def test_numbers_begin_anew_with_a_stream(stream: list[tuple[int, int]]) -> None:
+    contact = np.array([c for c, _ in stream], np.int8)
+    restart = np.array([r < 2 for _, r in stream], bool)
+    begins = np.array([r == 0 for _, r in stream], bool)
+    wanted = []
+    for part in np.split(np.arange(len(contact)), np.flatnonzero(begins)):
+        wanted += plain_ids(contact[part].tolist(), restart[part].tolist())
+    found = ContactIds().number(contact, restart, in_time=True, begins=begins)
+    assert found.tolist() == wanted

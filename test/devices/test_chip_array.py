@@ -342,3 +342,10 @@ def test_chip_array_refuses_a_rate_that_its_bus_cannot_carry(name: str) -> None:
     twin = connection.simulate(layout_of(chips, rate_hz), lambda t: None, 0.0, 0, clock)
     with twin, pytest.raises(ValueError, match=why):
         twin.device(clock.now_ns)
+
+
+def test_chip_array_holds_its_rate() -> None:
+    clock = VirtualClock()
+    with twin_of(clusters(1), clock, rate_hz=50.0).device(clock.now_ns) as array:
+        stamps = [array.read(1.0).stamp_ns for _ in range(50)]
+    assert np.diff(stamps) == pytest.approx(np.full(49, 20e6), rel=0.03)

@@ -123,3 +123,25 @@ def test_chip_faults_judge_repeats_by_the_chips_own_noise(quiet: int, after: int
     doubted = statuses.index(STALE) + 1
     assert doubted == pytest.approx({10: 3, 105: 53}[after], abs=1)
     assert read(0.31) == 0
+
+
+def test_stuck_detector_keeps_the_run_of_unread_taxels() -> None:
+    detector = StuckDetector(1)
+    good = np.ones(1, bool)
+    for row in noisy(60, 1):
+        detector.follow(row, good)
+    for _ in range(9):
+        assert not detector.stuck().any()
+        detector.follow(np.zeros((1, 3)), ~good)
+        detector.follow(row, good)
+    assert detector.stuck().all()
+    detector.forget()
+    assert not detector.stuck().any()
+
+
+def test_chip_faults_mark_repeats_read_too_early() -> None:
+    read = Reader()
+    assert read(0.1) == 0
+    assert read(0.1, fresh=False) == TaxelStatus.STALE
+    assert read(0.1) == 0
+    assert read(0.2, fresh=False) == 0

@@ -3,17 +3,23 @@
 
 from __future__ import annotations
 
+import errno
+
 import numpy as np
 import pytest
+from smbus2 import i2c_msg
 
 from tactile_ros.devices.mlx90393 import (
     ChipPlace,
     ChipSettings,
     Decoder,
+    Switches,
     conversion_time,
     refuse_conflicts,
     tesla_per_lsb,
 )
+from tactile_ros.devices.transport import I2cBus
+from tactile_ros.errors import NotAcknowledged
 
 # rows DIG_FILT 0..7, columns OSR 0..3 (ms), x, y and z
 TABLE_MS = [
@@ -107,3 +113,41 @@ def test_places_of_which_two_would_answer_are_refused(other: ChipPlace) -> None:
     with pytest.raises(ValueError, match='two would answer as'):
         refuse_conflicts([behind(0x70, 1), other])
     refuse_conflicts([ChipPlace(0x0C), ChipPlace(0x0C, 1)])
+
+
+class Writes:
+    """Keeps what was written while it is not silent."""
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[int, bytes]] = []
+        self.silent = False
+
+    def i2c_rdwr(self, *messages: i2c_msg) -> None:
+        if self.silent:
+            raise OSError(errno.EREMOTEIO, 'remote')
+        self.seen += [(m.addr, bytes(m)) for m in messages]
+
+    def close(self) -> None:
+        pass
+
+
+def test_switches_write_changes_and_what_failed_or_was_forgotten() -> None:
+    wires = Writes()
+    bus = I2cBus('wires', smbus=wires)
+    bus.open()
+    switches = Switches(bus, [behind(0x71), behind(0x70)])
+    for mux, channel in ((0x70, 1), (0x70, 1), (0x71, 2), (0x71, 3)):
+        switches.select(behind(mux, channel))
+    switches.select(ChipPlace())
+    assert wires.seen == [
+        (0x71, b'\x00'), (0x70, b'\x02'), (0x70, b'\x00'), (0x71, b'\x04'), (0x71, b'\x08'),
+    ]  # fmt: skip
+    wires.silent = True
+    with pytest.raises(NotAcknowledged, match='nothing answers at 0x71'):
+        switches.select(behind(0x71, 2))
+    wires.silent = False
+    switches.select(behind(0x71, 3))
+    assert wires.seen[5:] == [(0x71, b'\x08')]
+    switches.forget()
+    switches.select(behind(0x71, 3))
+    assert wires.seen[6:] == [(0x70, b'\x00'), (0x71, b'\x08')]

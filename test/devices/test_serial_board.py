@@ -282,3 +282,11 @@ def test_serial_board_refuses_a_temperature_that_cannot_be(celsius: float) -> No
     assert all((frame.temperature_c == 25.0).all() for frame in frames[:10])
     assert all(np.isnan(frame.temperature_c).all() for frame in frames[10:])
     assert counted['temperatures_refused'] == 10
+
+
+def test_serial_board_of_chips_without_power_is_dead() -> None:
+    counts = rows_of(CHIPS, 3, 2.0, 20)
+    counts[10:] = 0
+    marks = marks_of(CHIPS, counts)
+    assert not marks[:10].any()
+    assert (marks[10:] & DEAD > 0).all()
