@@ -411,3 +411,21 @@ def test_noise_inside_held_touches_in_any_order(rows: int) -> None:
     values[::7] = np.nan
     if rows > 2:
         np.testing.assert_allclose(held_noise(values, group)[0, :2], SIGMA[0, :2], rtol=0.15)
+
+
+def test_an_unknown_baseline_stays_unknown() -> None:
+    start = np.array([[0.0, 0, 0], [0, np.nan, 0]])
+    held = BaselineTracker(start, SCALE).follow(np.zeros((9, *SHAPE)), np.arange(9) * PERIOD_NS)[0]
+    np.testing.assert_array_equal(held, np.broadcast_to(start, held.shape))
+
+
+@pytest.mark.parametrize('stated', [0.2, np.array([0.2, 0.3, 0.4])])
+def test_stated_noise_counts_for_every_taxel(stated: float | np.ndarray) -> None:
+    rest = Rest.unknown(SHAPE, stated)
+    np.testing.assert_allclose(rest.noise, np.broadcast_to(stated, SHAPE))
+    np.testing.assert_allclose(rest.scale, 5 * np.broadcast_to(stated, SHAPE))
+    assert np.isnan(rest.baseline).all()
+    learned = rest.learn(resting(), np.ones(SAMPLES, bool), None, no_restarts())
+    np.testing.assert_allclose(learned.noise, np.broadcast_to(stated, SHAPE))
+    with pytest.raises(ValueError, match='broadcast'):
+        Rest.unknown(SHAPE, np.ones(2))

@@ -165,3 +165,7 @@ def test_numbers_begin_anew_with_a_stream(stream: list[tuple[int, int]]) -> None
         wanted += plain_ids(contact[part].tolist(), restart[part].tolist())
     found = ContactIds().number(contact, restart, in_time=True, begins=begins)
     assert found.tolist() == wanted
+
+
+def test_what_moves_by_more_than_itself_is_followed_within_reach() -> None:
+    assert numbered('a', ' a', '  a', '      a') == [[0, -1, -1]] * 3 + [[1, -1, -1]]

@@ -73,3 +73,9 @@ def test_equilibration_judges_laws_by_rows_where_few_groups_bear_loads() -> None
     # loads grow: a group of them held out would ask for loads that no other row tells
     law = Equilibration().fit(output, force, np.arange(80) // 12)
     assert law.errors_[law.name] < 0.02
+
+
+def test_untouched_taxels_are_not_called_silent() -> None:
+    u, force = pressed(100, 5)
+    u[:, 3], force[:, 3] = 0.0, 0.0
+    assert not silent_taxels(u, force, np.full(4, 1e-3)).any()

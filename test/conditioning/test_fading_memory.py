@@ -86,3 +86,9 @@ def test_frames_that_are_not_newer_and_values_that_are_missing() -> None:
     np.testing.assert_allclose(
         live(FadingMemory(TAUS), change, stamp_ns, restart), expected, rtol=0, atol=1e-9
     )
+
+
+@pytest.mark.parametrize('taus', [[0.0], [-1.0, 1.0], [np.nan]])
+def test_time_constants_are_positive(taus: list[float]) -> None:
+    with pytest.raises(ValueError, match='must be positive'):
+        FadingMemory(np.array(taus))

@@ -145,3 +145,10 @@ def test_chip_faults_mark_repeats_read_too_early() -> None:
     assert read(0.1, fresh=False) == TaxelStatus.STALE
     assert read(0.1) == 0
     assert read(0.2, fresh=False) == 0
+
+
+def test_chip_faults_do_not_judge_unread_chips() -> None:
+    read = Reader()
+    read(0.1)
+    assert read(0.999, good=False) == 0
+    assert read(0.1) == 0

@@ -290,3 +290,20 @@ def test_serial_board_of_chips_without_power_is_dead() -> None:
     marks = marks_of(CHIPS, counts)
     assert not marks[:10].any()
     assert (marks[10:] & DEAD > 0).all()
+
+
+def test_reskin_board_suspects_losses_by_the_clock_but_not_after_a_burst(
+    port: SimulatedSerialPort, layout: Layout, rows: np.ndarray
+) -> None:
+    clock = VirtualClock()
+    with ReskinBoard(port.port, layout, clock=clock.now_ns) as board:
+        port.send(encode(rows[:8]))
+        take(board, 8)
+        for row, periods, least, most in (
+            *((row, 0, 0, 0) for row in rows[8:11]), *((row, 1, 0, 0) for row in rows[11:40]),
+            (rows[40], 20, 15, 40),
+        ):  # fmt: skip
+            clock.sleep(periods / layout.rate_hz)
+            port.send(encode(row))
+            board.read(1.0)
+            assert least <= board.counters()['suspected'] <= most
