@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.conditioning.equilibration import LAWS, Equilibration
+from tactile_ros.conditioning.equilibration import LAWS, Equilibration, silent_taxels
 
 
 def pressed(samples: int, seed: int, power: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
