@@ -18,44 +18,15 @@ SENDER = ROOT / 'docs' / 'firmware' / 'gradiometer'
 ARDUINO = Path(__file__).parent / 'arduino'
 FLAGS = ['-std=c++11', '-Wall', '-Wextra', '-Wconversion', '-Werror', '-fno-exceptions', '-O1']
 
-VECTORS = """
-#include <stdio.h>
-#include "tactile_frame.h"
-int main() {
-  int counts[tactile::kChannels], centidegrees;
-  unsigned sequence, time_us;
-  while (scanf("%d %u %u", &centidegrees, &sequence, &time_us) == 3) {
-    int16_t narrow[tactile::kChannels];
-    for (int i = 0; i < tactile::kChannels; ++i) {
-      if (scanf("%d", &counts[i]) != 1) return 1;
-      narrow[i] = (int16_t)counts[i];
-    }
-    uint8_t frame[tactile::kFrameBytes];
-    tactile::writeFrame(frame, narrow, (int16_t)centidegrees, sequence, time_us);
-    fwrite(frame, 1, sizeof frame, stdout);
-  }
-}
-"""
 
-SKETCH = """
-#include "Arduino.h"
-#include "gradiometer.ino"
-int main() {
-  setup();
-  while (sequence < 20) loop();
-}
-"""
-
-
-def compiled(code: str, folder: Path) -> Path:
-    """Build a program around the sender; skip where there is no compiler."""
+def compiled(name: str, folder: Path) -> Path:
+    """Build a program of arduino/ around the sender; skip where there is no compiler."""
     compiler = next(
         (path for name in ('c++', 'g++', 'clang++') if (path := shutil.which(name))), ''
     )
     if not compiler:
         pytest.skip('no C++ compiler (c++, g++ or clang++): the reference sender is not compiled')
-    source, program = folder / 'main.cpp', folder / 'program'
-    source.write_text(code)
+    source, program = ARDUINO / name, folder / 'program'
     include = [f'-I{SENDER}', f'-I{ARDUINO}']
     done = subprocess.run(
         [compiler, *FLAGS, *include, '-o', str(program), str(source)],
@@ -75,7 +46,7 @@ def test_sender_writes_the_bytes_of_the_codec(tmp_path: Path) -> None:
     warm[0], sequence[0], time_us[0] = 2653, 258, 16_909_060
     lines = np.column_stack([warm, sequence, time_us, counts.reshape(200, 8)])
     told = '\n'.join(' '.join(map(str, line)) for line in lines.tolist())
-    program = compiled(VECTORS, tmp_path)
+    program = compiled('vectors.cpp', tmp_path)
     done = subprocess.run([str(program)], input=told.encode(), capture_output=True, check=True)
     ours = [
         encode(gradiometer(), counts[i], int(sequence[i]), int(time_us[i]), warm[i] / 100)
@@ -86,7 +57,7 @@ def test_sender_writes_the_bytes_of_the_codec(tmp_path: Path) -> None:
 
 def test_sketch_stream_is_read(tmp_path: Path) -> None:
     """Twenty frames, one of which the port did not take."""
-    program = compiled(SKETCH, tmp_path)
+    program = compiled('sketch.cpp', tmp_path)
     data = subprocess.run([str(program)], capture_output=True, check=True).stdout
     decoder = FramedDecoder(gradiometer())
     decoded = decoder.feed(data)
