@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from tactile_ros.hands.description import Finger
-    from tactile_ros.types import Array
 
 MOST_CHARACTERS = 20_000_000
 MOST_DEPTH = 100

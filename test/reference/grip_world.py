@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
-from math import inf
 
 import numpy as np
 
@@ -21,42 +20,17 @@ FINE = 1e-3  # s
 
 @dataclass
 class GripWorld:
-    """Two fingers of one hand, or one, on an object.
+    """Two fingers of one hand, or one, on an object."""
 
-    Attributes
-    ----------
-    stiffness : float
-        Of one finger on the object (N per closure).
-    contact : float
-        Closure at which each finger touches.
-    dead_time, lag : float
-        From command to motion (s).
-    rate_hz : float
-        Of the law.
-    noise : float
-        Of forces (N).
-    gains : tuple of float
-        What each finger's sensor makes of a newton.
-    free : bool
-        Whether two fingers push the object until their forces agree.
-    exponent : float
-        1: a spring; 1.5: one that stiffens.
-    speed : float
-        Fastest motion of a drive (closures per second).
-    """
-
-    stiffness: float = 60.0
-    contact: float = 0.3
-    dead_time: float = 0.02
-    lag: float = 0.05
-    rate_hz: float = 100.0
-    noise: float = 0.01
-    gains: tuple[float, ...] = (1.0,)
-    free: bool = False
-    exponent: float = 1.0
-    speed: float = inf
+    stiffness: float = 60.0  # of one finger on the object (N per closure)
+    contact: float = 0.3  # closure at which each finger touches
+    dead_time: float = 0.02  # s
+    lag: float = 0.05  # s
+    rate_hz: float = 100.0  # of the law
+    noise: float = 0.01  # N
+    gains: tuple[float, ...] = (1.0,)  # of the sensor of each finger
+    free: bool = False  # two fingers push the object until their forces agree
     seed: int = 0
-    tangential: float = 0.0
     place: float = 0.0
     queue: deque[Array] = field(default_factory=deque)
 
@@ -72,17 +46,16 @@ class GripWorld:
         """True normal force of each finger, shape (f,) (N)."""
         deep = self.closure - self.contact
         if self.free:
-            sides = np.array([1.0, -1.0])
-            deep = deep - sides * self.place
-        return self.stiffness * np.maximum(deep, 0.0) ** self.exponent
+            deep = deep - np.array([1.0, -1.0]) * self.place
+        return self.stiffness * np.maximum(deep, 0.0)
 
     def given(self) -> GripInput:
-        """What the law is told now."""
+        """Input of the law now."""
         count = len(self.gains)
         felt = self.force * np.array(self.gains) + self.noise * self.rng.normal(size=count)
         return GripInput(
             normal=felt,
-            tangential=np.full(count, self.tangential),
+            tangential=np.zeros(count),
             valid=np.ones(count, bool),
             slip=np.zeros(count, np.int8),
             age=np.zeros(count),
@@ -96,10 +69,7 @@ class GripWorld:
             self.command = made.closure.copy()
         for _ in range(round(1.0 / self.rate_hz / FINE)):
             self.queue.append(self.command)
-            way = FINE / self.lag * (self.queue.popleft() - self.closure)
-            if self.speed < inf:
-                way = np.clip(way, -self.speed * FINE, self.speed * FINE)
-            self.closure = self.closure + way
+            self.closure = self.closure + FINE / self.lag * (self.queue.popleft() - self.closure)
             if self.free:
                 self._slide()
 
