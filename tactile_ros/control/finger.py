@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Contact of one finger, and witnesses of its force.
+"""Force, contact and slip of one finger, and its drive as a witness of them.
 
 A soft position drive is a force sensor of its own: what its command leads its joints by, times the
 gain of the position loop, is the torque that it presses with. A sensor that contradicts it for
@@ -15,7 +15,7 @@ from tactile_ros.control.force_pi import bounded
 from tactile_ros.control.slip_margin import SlipMargin
 
 if TYPE_CHECKING:
-    from tactile_ros.control.config import Drive, GripConfig
+    from tactile_ros.control.config import GripConfig
     from tactile_ros.control.force_pi import ForcePi
     from tactile_ros.control.grasp_sequence import FingerInput
 
@@ -33,88 +33,7 @@ AGREES = 0.5  # of a reading that a drive must press with to speak for it
 FILTERED, SLOWEST_FILTER = 0.03, 0.1  # noise after the filter, of the target; s
 ON_SIGMAS, ON_RAW, ON_SHARE, OFF = 5.0, 3.0, 0.3, 1 / 3  # levels of contact
 LEAST_NOISE = 0.5  # of `force_noise`: slips are told from the noise of a loop too
-LATE = 1.5  # periods without a new force: one may be missed or cross with a step
 RANGE = 3.0  # largest targets beyond which a reading is none
-
-
-class Witness:
-    """Contradictions of the force of one finger, by its drive that reacts in a time (s)."""
-
-    def __init__(self, plant: Drive, reaction: float) -> None:
-        self._plant, self._patience = plant, max(FROZEN, LATEST * reaction)
-        self.forget_zero()
-        self.restart()
-
-    def forget_zero(self) -> None:
-        """The finger may touch something, or was not heard."""
-        self.zero, self.zero_time = 0.0, 0.0
-
-    def restart(self) -> None:
-        """Another grasp."""
-        self._friction, self._moving = nan, 0.0
-        self._leaning = self._pressing = self._still = 0.0
-        self._bits = self._command = nan
-        self._at = (nan, nan)
-
-    def rest(self, normal: float, dt: float) -> None:
-        """Take in a force (N) of a finger that does not move."""
-        self.zero_time = min(self.zero_time + dt, 2.0 * ZERO_TIME)
-        share = max(dt / self.zero_time, dt / ZERO_TIME)
-        self.zero += min(share, 1.0) * (normal - self.zero)
-
-    def biased(self, sigma: float, asked: float) -> bool:
-        """Judge that the zero is none, for a noise and an asked force (N)."""
-        return abs(self.zero) > max(ZERO_SIGMAS * sigma, ZERO_SHARE * asked, ZERO_LEAST)
-
-    def supports(self, pressed: float) -> bool:
-        """Judge that a drive which presses (N) holds what its finger reads at rest."""
-        return isfinite(pressed) and pressed > AGREES * abs(self.zero)
-
-    def approach(
-        self, normal: float, pressed: float, asked: float, command: float, joints: float, dt: float
-    ) -> str:
-        """Contradiction of a finger that moves and feels nothing; empty: none.
-
-        One whose joints go on with the command (both closures) leans on nothing, however late its
-        commands came.
-        """
-        if not isfinite(pressed):
-            return ''
-        self._moving += dt
-        if self._moving < SETTLING or not isfinite(self._friction):
-            self._friction = max(pressed, 0.0)
-        excess = pressed - self._friction
-        if excess <= max(LEAN * asked, LEAN_LEAST):
-            self._friction = max(self._friction + min(dt / FOLLOWING, 1.0) * excess, 0.0)
-            self._leaning, self._at = 0.0, (command, joints)
-            return ''
-        self._leaning += dt
-        stands = joints - self._at[1] <= GOES_ON * (command - self._at[0]) + STANDS
-        if self._leaning < PATIENCE or not (stands or excess > max(asked, 2.0 * LEAN_LEAST)):
-            return ''
-        return f'reads {normal:.2f} N while its drive leans on something with {excess:.2f} N'
-
-    def press(
-        self, normal: float, new: bool, pressed: float, target: float, command: float, dt: float
-    ) -> str:
-        """Contradiction of a finger that presses, at a command of its drive; empty: none.
-
-        Only a `new` force that is the same to the last bit is frozen; others are late.
-        """
-        if normal != self._bits:
-            self._bits, self._command, self._still = normal, command, 0.0
-        soft = self._plant.is_soft
-        self._still += dt if isfinite(pressed) or not soft else 0.0
-        unit = self._plant.own if soft else self._plant.stiffness_high
-        moved = abs(command - self._command) * unit
-        if new and self._still > self._patience and moved > FROZEN_MOVED * target:
-            return f'reads {normal:.2f} N to the last bit while its drive moves'
-        own = pressed - (self._friction if isfinite(self._friction) else 0.0)
-        low = own > TOO_MUCH * target and normal < own / (2.0 * self._plant.spread)
-        self._pressing = self._pressing + dt if low else 0.0  # false of NaN
-        if self._pressing < PATIENCE:
-            return ''
-        return f'reads {normal:.2f} N while its drive presses {own:.2f} N'
 
 
 class Finger:
@@ -126,7 +45,9 @@ class Finger:
         self._config, self.name = config, name
         self.law = law  # that moves it
         self.side = side  # +1, -1, or 0 where it opposes none
-        self.slip, self.witness = SlipMargin(config), Witness(law.plant, law.reaction)
+        self.slip = SlipMargin(config)
+        self._patience = max(FROZEN, LATEST * law.reaction)
+        self.zero = self._zero_time = 0.0  # force at rest (N), and for how long it was learned (s)
         self.used = True  # it takes part
         self.asked = 0.0  # force without raises (N)
         self.forget()
@@ -141,9 +62,11 @@ class Finger:
         self.unspent = False  # it has given a force that was not regulated yet
         self.target = 0.0  # force now (N)
         self.regulated = 0.0  # error that its drive regulates (N)
-        self._mean_error = nan
+        self._mean_error = self._friction = nan
+        self._moving = self._leaning = self._pressing = self._still = 0.0
+        self._bits = self._command = nan
+        self._at = (nan, nan)
         self.slip.reset()
-        self.witness.restart()
 
     @property
     def good(self) -> bool:
@@ -159,11 +82,6 @@ class Finger:
     def new(self) -> bool:
         """Judge whether its usable force is new."""
         return self.given.new and not self.why
-
-    @property
-    def late(self) -> bool:
-        """Judge whether it is known and has given no force for longer than its period."""
-        return self.good and self.waited > LATE * self._config.slowest_period
 
     @property
     def error(self) -> float:
@@ -198,10 +116,32 @@ class Finger:
         """Learn the zero of a finger that does not move, a time dt (s) after the last step."""
         self.waited += dt
         if self.new:
-            self.witness.rest(self.given.normal, min(self.waited, self._config.stale_age))
+            self._learn_zero(min(self.waited, self._config.stale_age))
             self.waited = 0.0
         elif not self.good:
-            self.witness.forget_zero()
+            self.zero = self._zero_time = 0.0
+
+    def _learn_zero(self, dt: float) -> None:
+        """Take in a force at rest, a time dt (s) after the last."""
+        self._zero_time = min(self._zero_time + dt, 2.0 * ZERO_TIME)
+        share = max(dt / self._zero_time, dt / ZERO_TIME)
+        self.zero += min(share, 1.0) * (self.given.normal - self.zero)
+
+    def has_zero(self) -> bool:
+        """Judge that its zero is known; one that is not goes on being learned."""
+        known = self._zero_time >= ZERO_TIME
+        if not known:
+            self._learn_zero(self._config.slowest_period)
+        return known
+
+    def biased(self, asked: float, pressed: float) -> bool:
+        """Judge that its zero is none, for an asked force, and that its drive (N) denies it."""
+        most = max(ZERO_SIGMAS * self.noise, ZERO_SHARE * asked, ZERO_LEAST)
+        return abs(self.zero) > most and not self.supported(pressed)
+
+    def supported(self, pressed: float) -> bool:
+        """Judge that a drive which presses (N) holds what its finger reads at rest."""
+        return isfinite(pressed) and pressed > AGREES * abs(self.zero)
 
     def sense(self, dt: float) -> None:
         """Take in the newest force, a time dt (s) after the last step."""
@@ -233,11 +173,50 @@ class Finger:
     def contradiction(self, pressed: float, closure: float, dt: float) -> str:
         """Contradiction of its force by a drive that presses (N) at a closure; empty: none."""
         told = pressed - self.law.trailing * self.law.plant.own
-        command = self.law.command
-        if self.touching:
-            given = self.given
-            return self.witness.press(given.normal, self.new, told, self.target, command, dt)
-        return self.witness.approach(self.normal, told, self.asked, command, closure, dt)
+        return self._denied(told, dt) if self.touching else self._leans(told, closure, dt)
+
+    def _leans(self, pressed: float, joints: float, dt: float) -> str:
+        """Contradiction of a finger that moves and feels nothing; empty: none.
+
+        One whose joints go on with the command (both closures) leans on nothing, however late its
+        commands came.
+        """
+        if not isfinite(pressed):
+            return ''
+        command, asked = self.law.command, self.asked
+        self._moving += dt
+        if self._moving < SETTLING or not isfinite(self._friction):
+            self._friction = max(pressed, 0.0)
+        excess = pressed - self._friction
+        if excess <= max(LEAN * asked, LEAN_LEAST):
+            self._friction = max(self._friction + min(dt / FOLLOWING, 1.0) * excess, 0.0)
+            self._leaning, self._at = 0.0, (command, joints)
+            return ''
+        self._leaning += dt
+        stands = joints - self._at[1] <= GOES_ON * (command - self._at[0]) + STANDS
+        if self._leaning < PATIENCE or not (stands or excess > max(asked, 2.0 * LEAN_LEAST)):
+            return ''
+        return f'reads {self.normal:.2f} N while its drive leans on something with {excess:.2f} N'
+
+    def _denied(self, pressed: float, dt: float) -> str:
+        """Contradiction of a finger that presses; empty: none.
+
+        Only a new force that is the same to the last bit is frozen; others are late.
+        """
+        normal, target, plant = self.given.normal, self.target, self.law.plant
+        if normal != self._bits:
+            self._bits, self._command, self._still = normal, self.law.command, 0.0
+        self._still += dt if isfinite(pressed) or not plant.is_soft else 0.0
+        unit = plant.own if plant.is_soft else plant.stiffness_high
+        moved = abs(self.law.command - self._command) * unit
+        if self.new and self._still > self._patience and moved > FROZEN_MOVED * target:
+            return f'reads {normal:.2f} N to the last bit while its drive moves'
+        own = pressed - (self._friction if isfinite(self._friction) else 0.0)
+        low = own > TOO_MUCH * target and normal < own / (2.0 * plant.spread)
+        self._pressing = self._pressing + dt if low else 0.0  # false of NaN
+        if self._pressing < PATIENCE:
+            return ''
+        return f'reads {normal:.2f} N while its drive presses {own:.2f} N'
 
     def average_error(self, time: float, dt: float) -> float:
         """Mean error of its force (N) over a time (s)."""

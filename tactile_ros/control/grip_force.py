@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.control.config import Drive
-from tactile_ros.control.finger import ON_SIGMAS, ZERO_TIME, Finger
+from tactile_ros.control.finger import ON_SIGMAS, Finger
 from tactile_ros.control.force_pi import CLOSED, ForcePi, bounded
 from tactile_ros.control.grasp_sequence import GRASPING, HOLDING, GripInput, GripPhase, GripStep
 from tactile_ros.control.targets import GripTargets
@@ -41,6 +41,7 @@ SETTLED, SETTLED_SIGMAS, SETTLED_TIME, AVERAGED = 0.07, 0.5, 0.3, 0.08  # of a t
 MOST_ERROR = 0.1  # of the target: a held finger has no more
 NET, NET_TIME = 0.5, 3.0  # share of errors that push an object, s of a load
 STRONGEST = 1.2  # targets that the strongest reading may have while sides disagree
+LATE = 1.5  # periods without a new force: one may be missed or cross with a step
 SAME = 1e-9  # closure within which a command was admitted as it was
 
 NOT_ASKED = 'no grasp was asked for'
@@ -332,15 +333,13 @@ class GripForce:
             return True
         asked, pressed = self._targets.strongest, given.by_drive()
         for finger, drive in zip(self.fingers, self._order, strict=True):
-            witness = finger.witness
             if not (finger.used and finger.good):
                 continue
-            if witness.zero_time < ZERO_TIME:
-                witness.rest(finger.given.normal, self.config.slowest_period)
+            if not finger.has_zero():
                 return False
-            if witness.biased(finger.noise, asked) and not witness.supports(pressed[drive]):
+            if finger.biased(asked, pressed[drive]):
                 self.fault = (
-                    f'{finger.name} reads {witness.zero:.2f} N before closing: tare it while '
+                    f'{finger.name} reads {finger.zero:.2f} N before closing: tare it while '
                     'nothing touches it'
                 )
                 return False
@@ -351,7 +350,8 @@ class GripForce:
 
     def _decide(self, given: GripInput, dt: float) -> None:
         """Phase, targets and commands; all stay while a finger is late."""
-        if any(finger.late for finger in self.fingers):
+        longest = LATE * self.config.slowest_period
+        if any(finger.good and finger.waited > longest for finger in self.fingers):
             for law in self.laws:
                 law.stay()
             return

@@ -225,8 +225,8 @@ class GripLoop:
             return False
         pressed = self._joints.pressed(self._lead())
         supported = [
-            finger.witness.zero > HELD_SIGMAS * self.config.force_noise
-            and finger.witness.supports(float(pressed[drive]))
+            finger.zero > HELD_SIGMAS * self.config.force_noise
+            and finger.supported(float(pressed[drive]))
             for finger, drive in zip(self.law.fingers, self._drive_of, strict=True)
         ]
         wanted = {side for side in self._sides if side} or {0}

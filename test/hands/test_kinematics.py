@@ -155,7 +155,6 @@ FINGER = Finger(
 ROBOT = PLANAR.replace('rpy="0 1.5707963267948966 0"', 'rpy="-1.5707963267948966 0 0"')
 CHAIN = RobotDescription(ROBOT).chain('tip', FINGER.joints)
 LOWER, UPPER = np.full(2, -0.5), np.full(2, 1.5)
-POSTURES = st.lists(st.floats(-0.4, 1.4), min_size=2, max_size=2)
 
 
 def path(robot: str = ROBOT, upper: object = UPPER) -> FingerPath:
