@@ -11,15 +11,32 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.interpolate import RegularGridInterpolator
 
 from benchmarks.harness.rows import BenchResult, Row
 from benchmarks.worlds import multipole_fidelity as skin
+from benchmarks.worlds.disc_dipoles import RINGS, dipole_disc
 from tactile_ros.evaluation.figures import Plot, standalone
-from tactile_ros.physics.fidelity import SHARE, Choice, Model, Worth, choose, region
-from tactile_ros.physics.field_table import cubic_weights
+from tactile_ros.physics.fidelity import (
+    LINEAR_COST,
+    SHARE,
+    Choice,
+    Model,
+    TermGain,
+    region,
+)
+from tactile_ros.physics.field_table import (
+    SHAPES,
+    disc_table,
+    lagrange,
+    reach_under,
+    table_disc_model,
+)
+from tactile_ros.physics.magnetics import exact_disc, on_pixels
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.gradiometer import twin as gradiometer
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig
@@ -111,7 +128,9 @@ def cubic_table(
     def table(points: Array) -> Array:
         index, weights = [], []
         for axis, count in enumerate(shape):
-            first, weight, _ = cubic_weights((points[:, axis] - low[axis]) / step[axis], count)
+            at = (points[:, axis] - low[axis]) / step[axis]
+            first = np.clip(np.floor(at).astype(np.int64) - 1, 0, count - 4)
+            weight = np.stack(lagrange(at - first - 1)[:4])
             place = [len(points)] + [1] * len(shape)
             place[axis + 1] = 4
             index.append((first[:, None] + np.arange(4)).reshape(place))
@@ -140,10 +159,44 @@ def touch_tables(config: MagnetPadConfig, noise: float) -> tuple[Choice, list[Mo
         table = cubic_table(readings, low, high, shape)
         name = f'cubic table {shape[0]} x {shape[1]} x {shape[2]}'
         models.append(Model(name, table, 64.0 * 6 * 2 + 200, int(np.prod(shape)) * width, shape))
-    return choose(models, exact, states, noise, every=True), [*models, exact]
+    return skin.all_rated(models, exact, states, noise), [*models, exact]
 
 
-def term_rows(scene: str, terms: tuple[Worth, ...]) -> list[Row]:
+def linear_table(config: GradiometerConfig, shape: tuple[int, int]) -> Model:
+    """Table of the disc's field, linear between its nodes."""
+    diameter, height, remanence = gradiometer.disc_of(config)
+    reach = reach_under(config.positions, config.gap, config.disc_height)
+
+    @cache
+    def built() -> RegularGridInterpolator:
+        table, (step, least, rise, _) = disc_table(diameter, height, reach, shape)
+        axes = step * (np.arange(shape[0]) - 1.0), least + rise * np.arange(shape[1])
+        return RegularGridInterpolator(axes, table, bounds_error=False, fill_value=None)
+
+    def field(own: Array) -> Array:
+        near = built()(np.column_stack([own[:, 0] ** 2 + own[:, 1] ** 2, -own[:, 2]]))
+        return remanence * np.column_stack([own[:, :2] * near[:, :1], near[:, 1]])
+
+    count = len(config.positions)
+    return Model(
+        f'linear table {shape[0]} x {shape[1]}', on_pixels(config.positions, field),
+        LINEAR_COST * count, 2 * shape[0] * shape[1], shape,
+    )  # fmt: skip
+
+
+def disc_models(config: GradiometerConfig, noise: float) -> tuple[Choice, list[Model]]:
+    """Choice among all models of the disc at a noise (T), all of them measured; and the models."""
+    disc, pixels = gradiometer.disc_of(config), config.positions
+    reach = reach_under(pixels, config.gap, config.disc_height)
+    models = [dipole_disc(pixels, disc, rings) for rings in RINGS]
+    models += [linear_table(config, shape) for shape in SHAPES]
+    models += [table_disc_model(pixels, disc, reach, shape) for shape in SHAPES]
+    exact = exact_disc(pixels, disc)
+    states = gradiometer.states_of(config)
+    return skin.all_rated(models, exact, states, noise), [*models, exact]
+
+
+def term_rows(scene: str, terms: tuple[TermGain, ...]) -> list[Row]:
     """Errors of a place without and with each term."""
     return [
         Row(
@@ -267,10 +320,10 @@ def scenes(extent: str) -> tuple[list[Row], dict[str, list[Spot]], list[str]]:
     noise = NOISE['magnet_pad']
     blocks = [pad.block_field(magnets, n) for n in (*pad.EDGES, 0)]
     carried = np.stack([moved, turned], axis=1).reshape(len(moved), -1)
-    chosen = pad.block_model(magnets, noise, moved, turned, every=True)
+    chosen = skin.all_rated(blocks[:-1], blocks[-1], carried, noise)
     found = {
         'gradiometer': (
-            *gradiometer.every_model(disc, NOISE['gradiometer']),
+            *disc_models(disc, NOISE['gradiometer']),
             gradiometer.states_of(disc, BATCH[extent]),
         ),
         'magnet_pad': (chosen, blocks, carried),

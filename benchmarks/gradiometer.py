@@ -16,6 +16,7 @@ import numpy as np
 from benchmarks.harness.independent import independent_rows
 from benchmarks.harness.rows import BenchResult, Row
 from benchmarks.worlds import gradiometer_surroundings, gradiometer_trials
+from benchmarks.worlds.huber_polynomial import HuberPolynomial
 from tactile_ros.estimators.polynomial_force import PolynomialForce
 from tactile_ros.evaluation.figures import Plot, standalone
 from tactile_ros.types import Frame
@@ -69,10 +70,8 @@ def accuracy(world: ModuleType, ours: Pipeline, extent: str) -> list[Row]:
         sound[: world.rest] = False
         table.append((recording.values[sound].reshape(-1, 8), recording.truth['force'][sound]))
     chains = {
-        name: gradiometer_trials.rms(
-            PolynomialForce(name).fit(*table[0]).predict(table[1][0]) - table[1][1]
-        )
-        for name in ('squares', 'huber_l1')
+        name: gradiometer_trials.rms(chain.fit(*table[0]).predict(table[1][0]) - table[1][1])
+        for name, chain in (('squares', PolynomialForce()), ('huber_l1', HuberPolynomial()))
     }
     better = min(chains.values(), key=lambda error: float((error**2).sum()))
     full = SENSOR.pipeline(world.config).fit(many)

@@ -23,7 +23,7 @@ def scale_covariance(
     covariance: Array, readings: Array, mean: Array, whitening: Array, growth: Array, scale: Array,
     limit: float, out_of_range: Bools,
 ) -> None:  # fmt: skip
-    """Scale stated covariances (s, l, l) of readings (s, m) in place; flag those out of range.
+    """Scale covariances (s, l, l) of readings (s, m) in place, and flag those out of range.
 
     The others are the attributes of `CovarianceModel` of these names; NaN counts as the mean.
     """
@@ -114,19 +114,10 @@ class CovarianceModel:
         return self
 
     def predict(self, stated: Array | None, readings: Array) -> tuple[Array, Bools]:
-        """Covariance of the error of each row, and whether its readings are out of range.
+        """Covariances (s, l, l) of errors, and whether readings are out of range (s,).
 
-        Parameters
-        ----------
-        stated, readings : ndarray
-            As in the fit.
-
-        Returns
-        -------
-        covariance : ndarray, shape (s, l, l)
-            Covariances (unit of the errors, squared); NaN where what is stated is NaN.
-        out_of_range : ndarray of bool, shape (s,)
-            Whether readings are farther from those of the fit than any of them.
+        What is stated, and readings, are as in the fit; NaN where what is stated is NaN. Out of
+        range is farther from the readings of the fit than any of them.
         """
         fitted(self, 'correlation_')
         readings = np.ascontiguousarray(readings, np.float64)

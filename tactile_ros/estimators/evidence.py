@@ -28,21 +28,7 @@ FACTORS = np.geomspace(0.05, 20.0, 121)  # of widths, at once
 
 
 class Influence:
-    """Residuals of references after a calibration, and how far each drew the answer to itself.
-
-    Attributes
-    ----------
-    known : ndarray of bool, shape (s, l)
-        References that are given.
-    error, variance : ndarray, shape (s, l)
-        References less answers, 0 where unknown, and variance of references by the robust loss.
-    own : ndarray, shape (s, l, l)
-        Covariance of answers that the frame's own state leaves.
-    slopes : ndarray, shape (s, l, k)
-        Change of answers with the parameters, states following.
-    state_variance : ndarray, shape (s, n)
-        Of the states of the calibration.
-    """
+    """Residuals of references after a calibration, and how far each drew the answer to itself."""
 
     def __init__(self, model: ModelPrior, fit: Calibration, frames: Frames, f: Array) -> None:
         references = np.array(f, np.float64, order='C')
@@ -54,6 +40,7 @@ class Influence:
             model.answers(
                 fit.states[s], fit.parameters, model.data, out[s], by_state[s], self.slopes[s]
             )
+        # references less answers, and their variance by the robust loss (s, l)
         self.error = np.nan_to_num(references - out)
         usual = np.broadcast_to(model.answer_noise**2, out.shape)
         robust = usual * np.maximum(np.abs(self.error) / model.answer_noise / HUBER, 1.0)
@@ -64,6 +51,7 @@ class Influence:
         inverse = np.linalg.inv(equations.a * scale) * scale
         shift = -inverse @ equations.b
         by_state = by_state[:, :, frames.free]
+        # (s, l, l) covariance of answers that the frame's own state leaves
         self.own = by_state @ inverse @ by_state.transpose(0, 2, 1)
         self.slopes += by_state @ shift
         self.root = fit.root
@@ -130,17 +118,9 @@ def learn_noise(
 ) -> ModelPrior:
     """Take the noise of references and widths of priors that make a recording most probable.
 
-    Widths are those of largest evidence beside everything else; noise takes a step of MacKay's
-    fixed point, squares over what is left of their number.
-
-    Parameters
-    ----------
-    model, fit, influence : ModelPrior, Calibration, Influence
-        Of the same recording.
-    states : ndarray of int
-        States whose sigma is learned.
-    groups : ndarray of int, shape (k,)
-        Parameters of one number share a factor of their sigma; -1: it stays.
+    Widths of `states`, and of parameters of one number in `groups` (k,) together (-1: as it is),
+    are those of largest evidence beside everything else; noise takes a step of MacKay's fixed
+    point, squares over what is left of their number.
     """
     trust = model.answer_noise**2 / influence.variance
     left = (trust * (1 - influence.drawn)).sum(axis=0)

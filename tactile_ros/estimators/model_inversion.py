@@ -16,7 +16,7 @@ S. Wright, Numerical Optimization (2006), ch. 10; C. Bishop, Pattern Recognition
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -37,7 +37,8 @@ HUBER = 2.0  # sigma from which the residual of a reference counts linearly
 MOST_STEPS = 60
 GAIN = 1e-9  # of the cost, below which a step ends the descent
 SETTLE = 4  # steps in which states follow the parameters
-FIXED = 1e-9  # sigma of a state that is fixed in some frames
+FIXED, TINY = 1e-9, 1e-12  # sigma of a state that is fixed in some frames; of none
+SMALLEST = 1e-300
 
 
 @dataclass(frozen=True)
@@ -47,32 +48,19 @@ class ModelPrior:
     A model is ``function(state (n,), parameters (k,), data, out (m,), by_state (m, n),
     by_parameter (m, k))``, compiled, and writes its outputs and both Jacobians; the Jacobians come
     with zeros.
-
-    Attributes
-    ----------
-    readings, answers : callable
-        Forward models of m readings and of l answers.
-    noise : ndarray, shape (m,)
-        Standard deviation of readings; inf: not used.
-    answer_noise : ndarray, shape (l,)
-        Standard deviation of reference answers.
-    state, state_sigma : ndarray, shape (n,)
-        Prior of the state; sigma inf: none, 0: fixed.
-    parameters, parameter_sigma : ndarray, shape (k,)
-        Prior of the parameters; sigma 0: fixed.
-    data : ndarray, shape (d,)
-        Constants of the models: tables, nominal places.
     """
 
-    readings: Model
-    answers: Model
-    noise: Array
-    answer_noise: Array
+    readings: Model  # m of them
+    answers: Model  # l of them
+    noise: Array  # (m,) standard deviation of readings; inf: not used
+    answer_noise: Array  # (l,) standard deviation of reference answers
+    # (n,) prior of the state; sigma inf: none, 0: fixed
     state: Array
     state_sigma: Array
+    # (k,) prior of the parameters; sigma 0: fixed
     parameters: Array
     parameter_sigma: Array
-    data: Array = field(default_factory=lambda: np.zeros(0))
+    data: Array = field(default_factory=lambda: np.zeros(0))  # constants: tables, nominal places
 
     @property
     def parameter_information(self) -> Array:
@@ -109,28 +97,37 @@ class Frames:
     noise: Array
     free: Integers  # (d,) states that are estimated; the others stay where they start
 
+    def of(self, rows: Integers) -> Frames:
+        """Some of the frames."""
+        return Frames(
+            self.readings[rows], self.prior[rows], self.information[rows], self.noise[rows],
+            self.free,
+        )  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Calibration:
-    """Estimated parameters.
+    """Estimated parameters."""
 
-    Attributes
-    ----------
-    parameters, covariance : ndarray, shapes (k,) and (k, k)
-        Estimate and Laplace covariance; a fixed parameter has zeros.
-    states : ndarray, shape (s, n)
-        Of the frames.
-    cost : float
-        Half the sum of squared normalised residuals and prior terms.
-    converged : bool
-        Whether the descent ended before its largest number of steps.
-    """
-
+    # (k,) and (k, k) estimate and Laplace covariance; a fixed parameter has zeros
     parameters: Array
     covariance: Array
-    states: Array
-    cost: float
-    converged: bool
+    states: Array  # (s, n) of the frames
+    cost: float  # half the sum of squared normalised residuals and prior terms
+    converged: bool  # before the largest number of steps
+
+    def beyond(self, prior: ModelPrior, own: Array) -> Calibration:
+        """Calibration for other recordings than its own.
+
+        By sigmas `own` (k,), such as the noise of its tare, parameters differ from those of others
+        beside their prior: of what was found only shares stay.
+        """
+        usual = prior.parameter_sigma
+        share = 1 / (1 + np.square(own / np.maximum(usual, TINY)))
+        away = self.parameters - prior.parameters
+        covariance = self.covariance * np.outer(share, share)
+        covariance[np.diag_indices(len(share))] += (1 - share) * usual**2
+        return replace(self, parameters=prior.parameters + share * away, covariance=covariance)
 
     @cached_property
     def root(self) -> Array:
@@ -147,24 +144,13 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Posterior:
-    """States and answers of frames with their covariance.
+    """Most probable states of frames, and answers with their covariance."""
 
-    Attributes
-    ----------
-    states, covariance : ndarray, shapes (s, n) and (s, d, d)
-        Most probable state; Laplace covariance of those that are not fixed, by noise, prior and
-        parameter covariance.
-    answers, answer_covariance : ndarray, shapes (s, l) and (s, l, l)
-        Answers there, and their covariance by the same formula.
-    chi_square : ndarray, shape (s,)
-        Twice the cost: squared normalised residuals and prior terms.
-    """
-
-    states: Array
-    covariance: Array
+    states: Array  # (s, n)
+    # (s, l) and (s, l, l), Laplace's by noise, prior and parameter covariance
     answers: Array
     answer_covariance: Array
-    chi_square: Array
+    chi_square: Array  # (s,) squared normalised residuals and prior terms
 
 
 @compiled
@@ -348,25 +334,6 @@ def _frames(
     return cost
 
 
-@compiled
-def _eliminate(a: Array, right: Array, damping: float, factor: Array) -> bool:
-    """Solve half of the damped equations of every frame in place; False where one is singular."""
-    n, columns = right.shape[1:]
-    for s in range(a.shape[0]):
-        factor[s] = a[s]
-        for i in range(n):
-            factor[s, i, i] *= 1.0 + damping
-        if not _factor(factor[s]):
-            return False
-        for i in range(n):
-            for k in range(i):
-                for c in range(columns):
-                    right[s, i, c] -= factor[s, i, k] * right[s, k, c]
-            for c in range(columns):
-                right[s, i, c] /= factor[s, i, i]
-    return True
-
-
 class Equations:
     """Normal equations of all frames and parameters where states follow the parameters."""
 
@@ -390,10 +357,14 @@ class Equations:
 
     def reduced(self, damping: float) -> tuple[Array, Array, Array] | None:
         """Halfway solved states, and the Schur complement with its right side; None: singular."""
-        half = np.concatenate([self.b, self.gx[..., None]], axis=2)
-        self.factor = np.empty_like(self.a)
-        if not _eliminate(self.a, half, damping, self.factor):
+        self.size = 1 / np.sqrt(np.maximum(np.einsum('sii->si', self.a), SMALLEST))
+        unit = self.a * self.size[:, :, None] * self.size[:, None]
+        try:
+            self.factor = np.linalg.cholesky(unit + damping * np.eye(len(self.free)))
+        except LinAlgError:
             return None
+        right = np.concatenate([self.b, self.gx[..., None]], axis=2) * self.size[..., None]
+        half = np.linalg.solve(self.factor, right)
         flat = half.reshape(-1, half.shape[2])
         cross = flat.T @ flat
         c = self.c + damping * np.diag(np.diag(self.c)) - cross[:-1, :-1]
@@ -409,16 +380,14 @@ class Equations:
         except LinAlgError:
             return None
         right = half[..., -1] - half[..., :-1] @ change
-        upper = np.swapaxes(np.tril(self.factor), 1, 2)
-        x = self.x.copy()
-        x[:, self.free] += np.linalg.solve(upper, right[..., None])[..., 0]
+        x, upper = self.x.copy(), np.swapaxes(self.factor, 1, 2)
+        x[:, self.free] += self.size * np.linalg.solve(upper, right[..., None])[..., 0]
         return x, self.p + change
 
 
 def calibrate(
-    model: ModelPrior, readings: Array | Frames, references: Array, states: Array,
-    prior: Array | None = None, *, begin: Array | None = None, most_steps: int = MOST_STEPS,
-    gain: float = GAIN,
+    model: ModelPrior, frames: Frames, references: Array, states: Array, *,
+    begin: Array | None = None, most_steps: int = MOST_STEPS, gain: float = GAIN,
 ) -> Calibration:  # fmt: skip
     """Estimate the parameters and the states of all frames together (bundle adjustment).
 
@@ -426,27 +395,17 @@ def calibrate(
     ----------
     model : ModelPrior
         Forward models and priors.
-    readings : ndarray, shape (s, m), or Frames
-        Measured; NaN: not measured. Frames: with priors and noise of their own.
+    frames : Frames
+        Readings with priors and noise of their own; see `ModelPrior.frames`.
     references : ndarray, shape (s, l)
         Reference answers; NaN: unknown.
-    states : ndarray, shape (s, n)
-        Where the descent starts.
-    prior : ndarray, shape (s, n), optional
-        Prior mean of each frame's state; that of the model by default.
-    begin : ndarray, shape (k,), optional
-        Where the descent of the parameters starts; at their prior by default.
+    states, begin : ndarray, shape (s, n) and (k,)
+        Where the descents start; parameters at their prior by default.
     most_steps, gain : int, float
         The descent ends after so many steps, or where a step gains less of the cost.
 
-    Returns
-    -------
-    Calibration
-        Parameters with their covariance, and states.
-
     Raises ValueError if a state is determined neither by readings nor by its prior.
     """
-    frames = readings if isinstance(readings, Frames) else model.frames(readings, prior)
     f, x = (np.array(v, np.float64, order='C') for v in (references, states))
     p = np.array(model.parameters if begin is None else begin, np.float64)
     now, damping, converged = Equations(model, frames, f, x, p), DAMPING, False
@@ -502,9 +461,9 @@ def _carry(
 def _posterior(
     readings: Model, answers: Model, y: Array, prior: Array, noise: Array, information: Array,
     free: Integers, p: Array, data: Array, root: Array, starts: Array, x: Array,
-    covariance: Array, out: Array, answer_covariance: Array, costs: Array,
+    out: Array, covariance: Array, costs: Array,
 ) -> float:  # fmt: skip
-    """Best state of every frame over its starts, and the covariances; return the sum of costs."""
+    """Best state of every frame over its starts, and its answers; return the sum of costs."""
     n, k, count = free.size, p.size, out.shape[1]
     a, b, none, square = np.empty((n, n)), np.empty((n, k)), np.empty(0), np.empty((0, 0))
     for s in range(x.shape[0]):
@@ -527,47 +486,22 @@ def _posterior(
             by_state, by_parameter = np.zeros((count, x.shape[1])), np.zeros((count, k))
             call_model(answers, x[s], p, data, out[s], by_state, by_parameter)
             by_state = by_state[:, free]
-            _carry(a, b, by_state, by_parameter, root, answer_covariance[s])
-        if covariance.shape[0] > 0:
-            _carry(a, b, np.eye(n), np.zeros((n, k)), root, covariance[s])
+            _carry(a, b, by_state, by_parameter, root, covariance[s])
     return float(costs.sum())
 
 
-def invert(
-    model: ModelPrior, fit: Calibration, readings: Array | Frames, starts: Array,
-    prior: Array | None = None, *, with_states: bool = True,
-) -> Posterior:  # fmt: skip
+def invert(model: ModelPrior, fit: Calibration, frames: Frames, starts: Array) -> Posterior:
     """Estimate the state of every frame by itself (MAP), and the answers that follow.
 
-    Parameters
-    ----------
-    model : ModelPrior
-        Forward models and the state's prior.
-    fit : Calibration
-        Parameters with their covariance.
-    readings : ndarray, shape (s, m), or Frames
-        Measured; NaN: not measured. Frames: with priors and noise of their own.
-    starts : ndarray, shape (s, q, n)
-        Where the descents start; the best one counts.
-    prior : ndarray, shape (s, n), optional
-        Prior mean of each frame's state; that of the model by default.
-    with_states : bool
-        Whether the covariance of states is wanted, which costs more than that of answers.
-
-    Returns
-    -------
-    Posterior
-        States, answers and their covariance; a frame whose state is undetermined has NaN.
+    The best of the descents from starts (s, q, n) counts. A frame whose state is undetermined has
+    NaN.
     """
-    frames = readings if isinstance(readings, Frames) else model.frames(readings, prior)
     (count, _, n), wide = starts.shape, len(model.answer_noise)
     x, out, costs = np.full((count, n), np.nan), np.full((count, wide), np.nan), np.empty(count)
-    wide_x = len(frames.free)
-    covariance = np.full((count if with_states else 0, wide_x, wide_x), np.nan)
-    answer_covariance = np.full((count, wide, wide), np.nan)
+    covariance = np.full((count, wide, wide), np.nan)
     _posterior(
         model_address(model.readings), model_address(model.answers), frames.readings, frames.prior,
         frames.noise, frames.information, frames.free, fit.parameters, model.data, fit.root,
-        np.ascontiguousarray(starts, np.float64), x, covariance, out, answer_covariance, costs,
+        np.ascontiguousarray(starts, np.float64), x, out, covariance, costs,
     )  # fmt: skip
-    return Posterior(x, covariance, out, answer_covariance, 2 * costs)
+    return Posterior(x, out, covariance, 2 * costs)

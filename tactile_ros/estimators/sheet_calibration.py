@@ -20,7 +20,7 @@ import numpy as np
 from scipy import sparse
 
 from tactile_ros.estimators.few_shot import share_of
-from tactile_ros.physics.elastomer import Layer, PunchDents, tilted_pressure
+from tactile_ros.physics.elastomer import Layer, PunchDents, punch_pressure
 from tactile_ros.physics.magnet_sheet import Sheet
 from tactile_ros.types import Array, Outline
 
@@ -348,7 +348,7 @@ class SheetCalibration:
         """Movements (m) and rotations (rad), (g, 3) each, of the dipoles under a press."""
         if id(press.outline) not in self._loads:
             self._loads[id(press.outline)] = (
-                press.outline, *tilted_pressure(press.outline.loops, model.dents.body)
+                press.outline, *punch_pressure(press.outline.loops, model.dents.body, tilted=True)
             )
         _, points, loads = self._loads[id(press.outline)]
         images = model.dents.images(points, state[3:6] @ loads, state[:3])

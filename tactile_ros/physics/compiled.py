@@ -29,17 +29,9 @@ DIGESTS: dict[int, str] = {}  # of the sources of compiled functions, by identit
 
 
 def compiled(function: Function) -> Function:
-    """Compile a function of arrays and numbers when it is first called.
+    """Compile a function of arrays and numbers, plain loops, when it is first called.
 
-    Parameters
-    ----------
-    function : callable
-        Plain loops over arrays; it may call functions that were compiled before.
-
-    Returns
-    -------
-    callable
-        Of the same arguments; the function itself where numba is not installed.
+    It may call functions that were compiled before; without numba it is returned itself.
 
     Examples
     --------
@@ -67,10 +59,7 @@ def compiled(function: Function) -> Function:
 
 
 def model_address(model: Function) -> Function:
-    """Make a compiled model callable by `call_model`: an address, or itself without numba.
-
-    A model takes three vectors and writes a vector and two matrices.
-    """
+    """Make a compiled model callable by `call_model`: an address, or itself without numba."""
     if numba is None:
         return model
     if id(model) not in ADDRESSES:

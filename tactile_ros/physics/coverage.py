@@ -1,11 +1,10 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Coverage of taxels by objects: outlines, pressure under parts, and output of a covered taxel.
 
-A table holds the part of a small disc at a point that an object covers, and its slope; one look-up
-with its slope replaces many points inside the disc. A cylinder that sinks into a bed of springs
-presses as deep as it lies under the surface, into an elastic half-space like the root of 1 - q^2
-(Hertz, q = distance / half width); a strip is even. [4] Fig. 1 and Eq. (2): the same force on a
-larger part of a taxel gives another current.
+A table holds the part of a small disc at a point that an object covers, and its slope. A cylinder
+that sinks into a bed of springs presses as deep as it lies under the surface, into an elastic
+half-space like the root of 1 - q^2 (Hertz, q = distance / half width). [4] Fig. 1 and Eq. (2): the
+same force on a larger part of a taxel gives another current.
 """
 
 from __future__ import annotations
@@ -61,8 +60,7 @@ def inside(loops: Sequence[Array], points: Array) -> Bools:
 def part_pressure(part: Outline, points: Array) -> Array:
     """Pressure (n,) of a part at points (n, 2) (m) of its own frame, 1 at most.
 
-    It is even under a flat part; under an angle tube of a radius `thickness` it is that of a
-    circle which sinks in below its chord.
+    It is even under a flat part, and that of a sinking circle under a tube of radius `thickness`.
 
     Examples
     --------
@@ -93,15 +91,10 @@ def washer(name: str, outer: float, inner: float, corners: int = 96) -> Outline:
 
 
 def read_parts(text: str) -> tuple[Outline, ...]:
-    """Parts of a text, named by their text.
+    """Parts of a text, named by their text; ValueError if one cannot be read.
 
     Parts stand apart by semicolons: `washer OUTER INNER` (radii in mm), `tube BEND RADIUS`
     (degrees and mm), `polygon X Y X Y ...` (corners in mm, counter-clockwise). Empty: none.
-
-    Raises
-    ------
-    ValueError
-        If a part cannot be read.
 
     Examples
     --------
@@ -132,34 +125,24 @@ def _part(words: list[str]) -> Outline:
     raise ValueError(msg)
 
 
-def area_current(area: Array, law: Array) -> Array:
-    """Current at a pressed area (m2), p1 + p2 A + p3 exp(-A / p4), [4] Eq. (2).
-
-    `law` (4,) holds p1, p2 (1 / m2), p3 and p4 (m2); p1 and p3 have the unit of the current. It is
-    [4] Eq. (1), the step response of a PID element with a lag, with the area in place of time.
-
-    Examples
-    --------
-    >>> float(area_current(np.array(0.0), np.array([1.0, 0.0, -1.0, 1e-5])))
-    0.0
-    """
-    p1, p2, p3, p4 = law
-    return np.asarray(p1 + p2 * area + p3 * np.exp(-area / p4))
-
-
 def area_share(area: Array, whole: Array, law: Array) -> Array:
-    """Output (..., t) of partly pressed taxels over that of the whole at the same load.
+    """Output (..., t) of partly pressed taxels over that of the whole at the same load, >= 0.05.
 
-    `area` (..., t) is pressed of the `whole` (t,) (m2), by a law as in `area_current`; the share
-    is at least 0.05: less says nothing about the load.
+    `area` (..., t) is pressed of the `whole` (t,) (m2). The law p1, p2 (1 / m2), p3, p4 (m2) (4,)
+    is of the current, p1 + p2 A + p3 exp(-A / p4), [4] Eq. (2): the step response of a PID element
+    with a lag, with the area in place of time.
 
     Examples
     --------
     >>> area_share(np.array([1e-5]), np.array([2e-5]), np.array([0.0, 1.0, 0.0, 1.0])).tolist()
     [0.5]
     """
-    part = np.clip(area, 0.0, whole)
-    return np.asarray(np.maximum(area_current(part, law) / area_current(whole, law), LEAST))
+    p1, p2, p3, p4 = law
+    part, all_of_it = (
+        p1 + p2 * pressed + p3 * np.exp(-pressed / p4)
+        for pressed in (np.clip(area, 0.0, whole), whole)
+    )
+    return np.asarray(np.maximum(part / all_of_it, LEAST))
 
 
 def _soft_raster(loops: Sequence[Array], x: Array, y: Array, pitch: float) -> Array:
@@ -196,42 +179,23 @@ def _blur(picture: Array, radius: float) -> Array:
 class ObjectFields:
     """Pressure fields that are fixed in an object's frame, on a table of nodes.
 
-    Attributes
-    ----------
-    table : ndarray, shape (n, 3 k + 1)
-        Of k fields the mean over a small disc at a node, and its slopes (1/m); in the end the way
-        to the next node near which a field is not linear (m).
-    columns : int
-        Nodes of a row.
-    low, pitch : ndarray of shape (2,), float
-        First node, and way between nodes (m).
-    sigma : ndarray, shape (k,)
-        Prior of a field's amount in parts of that of the first, which is free.
-    order : int
-        Symmetry about the origin: 0 any turn.
-    gyration, span : float
-        Radius of gyration of the first field, and its farthest point; inf: endless (m).
-    centre : ndarray, shape (2,)
-        Of the first field (m).
-    bend : float
-        Of an angle tube (rad); NaN: a flat part. Rows of a tube's table are distances from the
-        nearer axis, its columns half widths, of which `low` holds the first and the step, and
-        `sigma` the prior.
-    sharp : bool
-        Whether fields end at an outline.
+    Rows of a tube's table are distances from the nearer axis, its columns half widths of the
+    contact, of which `low` holds the first and the step, and `sigma` the prior.
     """
 
+    # (n, 3 k + 1) means of k fields over a small disc at a node, and their slopes (1/m);
+    # in the end the way to the next node near which a field is not linear (m)
     table: Singles
-    columns: int
-    low: Array
-    pitch: float
-    sigma: Array
-    order: int
-    gyration: float
-    span: float
-    centre: Array
-    bend: float = np.nan
-    sharp: bool = True
+    columns: int  # nodes of a row
+    low: Array  # (2,) first node (m)
+    pitch: float  # way between nodes (m)
+    sigma: Array  # (k,) prior of a field's amount in parts of that of the first, which is free
+    order: int  # symmetry about the origin: 0 any turn
+    gyration: float  # radius of the first field (m)
+    span: float  # its farthest point; inf: endless (m)
+    centre: Array  # (2,) of the first field (m)
+    bend: float = np.nan  # of an angle tube (rad); NaN: a flat part
+    sharp: bool = True  # fields end at an outline
 
     @property
     def tube(self) -> bool:
@@ -270,21 +234,11 @@ def outline_fields(outline: Outline, radius: float, count: int = 3) -> ObjectFie
 
 @dataclass(frozen=True, eq=False)
 class LearnedFields:
-    """Pressure fields (k, n, n) on a square grid in an object's frame, that frames have told.
+    """Pressure fields on a square grid in an object's frame, that frames have told."""
 
-    Attributes
-    ----------
-    pictures : ndarray, shape (k, n, n)
-        Rows along y; the grid reaches from -half to half (m).
-    half : float
-        Half the side of the grid (m).
-    sigma : ndarray, shape (k,)
-        Prior of a field's amount in parts of that of the first.
-    """
-
-    pictures: Array
-    half: float
-    sigma: Array
+    pictures: Array  # (k, n, n), rows along y
+    half: float  # half the side of the grid (m)
+    sigma: Array  # (k,) prior of a field's amount in parts of that of the first
 
     def fields(self, radius: float, count: int | None = None) -> ObjectFields:
         """The first few as a table, mean over discs of a radius (m)."""
@@ -304,11 +258,7 @@ class LearnedFields:
 
 
 def tube_fields(outline: Outline, radius: float, reach: float) -> tuple[ObjectFields, ...]:
-    """Field of an angle tube by each profile of contact; the columns are widths of the contact.
-
-    A cylinder that sinks into a bed of springs presses as deep as it lies below the surface, on an
-    elastic half-space like the root of 1 - q^2 (Hertz, q = distance / half width), a strip evenly.
-    """
+    """Field of an angle tube by each profile of contact (springs, half-space, strip)."""
     size = outline.thickness or UNKNOWN_RADIUS * reach
     blur = ACROSS * radius
     away = np.arange(0.0, size + 2 * blur, (size + 2 * blur) / TUBE_NODES)
@@ -354,30 +304,17 @@ def _table(pictures: Sequence[Array], pitch: float, radius: float) -> Singles:
 
 
 def symmetry(outline: Outline) -> int:
-    """Order of rotation about the outline's origin: 0 any turn, n by 2 pi / n, 1 none.
-
-    Examples
-    --------
-    >>> square = Outline('square', (np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]]),))
-    >>> symmetry(square)
-    4
-    """
+    """Order of rotation about the outline's origin: 0 any turn, n by 2 pi / n, 1 none."""
     if outline.bend is not None:
         straight = abs(np.cos(outline.bend) + 1) < 1e-9
         return 2 if straight else 1
-    smooth = _picture(outline.loops, np.zeros(2))
+    span = float(np.linalg.norm(np.concatenate(list(outline.loops)), axis=1).max())
+    grid, pitch = np.linspace(-span, span, 241, retstep=True)
+    smooth = _blur(_soft_raster(outline.loops, grid, grid, float(pitch)), 2.0)
     if all(_change(smooth, turn) < ALIKE for turn in TURNS):
         return 0
     found = [n for n in range(2, MOST_FOLD + 1) if _change(smooth, 2 * np.pi / n) < ALIKE]
     return max(found, default=1)
-
-
-def _picture(loops: Sequence[Array], centre: Array) -> Array:
-    """Square picture of what loops enclose about a centre, with soft edges."""
-    about = [loop - centre for loop in loops]
-    span = float(np.linalg.norm(np.concatenate(about), axis=1).max())
-    grid, pitch = np.linspace(-span, span, 241, retstep=True)
-    return _blur(_soft_raster(about, grid, grid, float(pitch)), 2.0)
 
 
 def _change(picture: Array, turn: float) -> float:
@@ -399,10 +336,8 @@ def taxel_points(
 
     Parameters
     ----------
-    positions : ndarray, shape (t, 3)
-        Centres (m).
-    areas : ndarray, shape (t,)
-        Of taxels (m2).
+    positions, areas : ndarray, shape (t, 3) and (t,)
+        Centres (m) and areas (m2).
     outlines : sequence of Outline, or None
         Shapes of the taxels; None: squares along the axes.
     count : int
@@ -410,10 +345,8 @@ def taxel_points(
 
     Returns
     -------
-    points : ndarray, shape (n, 2)
-        One taxel after the other (m).
-    first : ndarray, shape (t,)
-        Index of the first point of each taxel.
+    points, first : ndarray, shape (n, 2) and (t,)
+        Points, one taxel after the other (m), and the number of the first of each taxel.
     radius : float
         Of a disc as large as a point's part (m).
     """

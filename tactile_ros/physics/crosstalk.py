@@ -40,7 +40,7 @@ def divided(conductance: Array) -> Array:
 def without_grounded(output: Array) -> Array:
     """Conductances (..., r, c) (1 / R0) behind outputs of a matrix whose rows are all driven.
 
-    The other crossings of a column, to ground, pull it down: g_ij = u_ij / (1 - sum_k u_kj).
+    The other crossings of a column pull it to ground: g_ij = u_ij / (1 - sum_k u_kj).
 
     Examples
     --------
@@ -56,11 +56,10 @@ def without_floating(measured: Array) -> Array:
 
     Notes
     -----
-    Least squares on what is measured, over logarithms of conductances, which cannot be negative,
-    from above: no crossing conducts more than is measured across it. A conductance dg changes
-    G_ij by G_ij^2 times the square of the potential that a unit current through ij leaves across
-    it: a product with all of these costs two products of matrices of the lines, so that each round
-    is solved by damped conjugate gradients.
+    Damped least squares over logarithms of conductances, from above: no crossing conducts more
+    than is measured across it. A conductance dg changes G_ij by G_ij^2 times the square of the
+    potential that a unit current through ij leaves across it: products with all of these are
+    products of matrices of the lines, so that each round takes conjugate gradients.
     """
     top = float(measured.max(initial=0.0))
     if top <= 0:
@@ -70,7 +69,7 @@ def without_floating(measured: Array) -> Array:
     crossing = highest.copy()
     for _ in range(ROUNDS):
         inverse = _inverse(crossing)
-        seen = 1.0 / _apart(inverse, len(crossing))
+        seen = 1.0 / _pair_resistance(inverse, len(crossing))
         residual = seen - wanted
         if np.abs(residual).max() < CLOSE:
             break
@@ -81,13 +80,8 @@ def without_floating(measured: Array) -> Array:
 
 def _laplacian(conductance: Array) -> Array:
     """Laplacian of a network (r + c, r + c): rows first."""
-    rows, columns = conductance.shape
-    network = np.zeros((rows + columns, rows + columns))
-    network[:rows, rows:] = -conductance
-    network[rows:, :rows] = -conductance.T
-    diagonal = np.concatenate([conductance.sum(axis=1), conductance.sum(axis=0)])
-    network[np.diag_indices(rows + columns)] = diagonal
-    return network
+    rows, columns = (np.diag(conductance.sum(axis=axis)) for axis in (1, 0))
+    return np.block([[rows, -conductance], [-conductance.T, columns]])
 
 
 def _inverse(conductance: Array) -> Array:
@@ -98,7 +92,7 @@ def _inverse(conductance: Array) -> Array:
     return np.asarray(np.linalg.inv(network))
 
 
-def _apart(matrix: Array, rows: int) -> Array:
+def _pair_resistance(matrix: Array, rows: int) -> Array:
     """m_ii + m_jj - 2 m_ij for rows i and columns j."""
     diagonal = np.diag(matrix)
     return np.asarray(diagonal[:rows, None] + diagonal[None, rows:] - 2 * matrix[:rows, rows:])
@@ -108,7 +102,7 @@ def _descended(inverse: Array, seen: Array, crossing: Array, residual: Array) ->
     """Change of logarithms of conductances that takes the residual away, least squares."""
 
     def applied(change: Array) -> Array:
-        return _apart(inverse @ _laplacian(change) @ inverse, len(seen))
+        return _pair_resistance(inverse @ _laplacian(change) @ inverse, len(seen))
 
     left = -crossing * applied(seen**2 * residual)
     step, way = np.zeros(seen.shape), left.copy()
@@ -130,13 +124,7 @@ SAME_LINE = 1e-6  # m
 
 
 def lines_of(positions: Array) -> Integers:
-    """Row and column (t, 2) of taxels, by their y and x.
-
-    Raises
-    ------
-    ValueError
-        If two taxels would lie on the same crossing.
-    """
+    """Row and column (t, 2) of taxels, by their y and x; ValueError where two share a crossing."""
     steps = np.rint(positions[:, 1::-1] / SAME_LINE).astype(np.int64)
     lines = np.stack([np.unique(s, return_inverse=True)[1].reshape(-1) for s in steps.T], axis=1)
     if len(np.unique(lines, axis=0)) < len(lines):
@@ -151,11 +139,9 @@ class Unmixing:
     Parameters
     ----------
     kind : str
-        'none', 'grounded' or 'floating': state of the other lines; 'none' changes nothing.
-    positions : ndarray, shape (t, 3)
-        Centres of the taxels (m).
-    lines : ndarray, shape (t, 2), or None
-        Row and column of each taxel; None: by its y and x.
+        State of the other lines: 'none' (nothing is changed), 'grounded' or 'floating'.
+    positions, lines : ndarray, shape (t, 3) and (t, 2)
+        Centres of the taxels (m); row and column of each, None: by its y and x.
     """
 
     def __init__(self, kind: str, positions: Array, lines: Array | None) -> None:

@@ -1,18 +1,15 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Soft bodies under loads on their surface: half-spaces, and a layer bonded to a rigid base.
 
-Half-space: a load on the free surface of an incompressible body moves a point at r by
-(F / r + (F . r) r / r^3) / (4 pi G), whatever its direction (Boussinesq and Cerruti with a Poisson
-ratio of one half; Johnson, Contact Mechanics, 1985, secs. 3.2 and 3.6). A base to which the body
-is bonded holds it: the images of Blake (Proc. Camb. Phil. Soc. 70, 1971) make the displacement
-vanish there. The truth of a layer on a base lies between the two.
+Half-space: a load on the free surface of an incompressible body moves a point at r by (F / r +
+(F . r) r / r^3) / (4 pi G) (Boussinesq and Cerruti with a Poisson ratio of one half; Johnson,
+Contact Mechanics, 1985, secs. 3.2 and 3.6). A bonded base holds it by the images of Blake (Proc.
+Camb. Phil. Soc. 70, 1971). The truth of a layer on a base lies between the two.
 
-Layer: the exact solution, wave by wave: for a wave vector of length q the displacement along it,
-that along z and the tractions on a plane z = const obey four linear equations of first order,
-whose eigenvalues are +-q, each twice (Johnson, secs. 2.1 and 5.8; Thomson, J. Appl. Phys. 21,
-1950, for the propagation from plane to plane). Any Poisson ratio up to one half. In a nearly
-incompressible layer what sinks must go sideways: the squeeze moves a magnet more than the dent
-does, which neither a half-space nor springs (Winkler) can show.
+Layer: the exact solution, wave by wave: for a wave vector of length q displacements and tractions
+on a plane z = const obey four linear equations whose eigenvalues are +-q, each twice (Johnson,
+secs. 2.1 and 5.8; Thomson, J. Appl. Phys. 21, 1950). In a nearly incompressible layer the squeeze
+moves a magnet more than the dent does, which neither a half-space nor springs can show.
 """
 
 from __future__ import annotations
@@ -64,20 +61,16 @@ def disc_press(
     shear_modulus: float,
     bond: Array,
 ) -> Array:
-    """Displacement (s, m, 3) (m) under even pressure on discs of the surface.
+    """Displacement (m) of points (s, m, 3) (m) under even pressure on discs of the surface.
 
     Parameters
     ----------
-    points : ndarray, shape (s, m, 3)
-        Where it is wanted (m).
     contacts, normals, forces : ndarray, shape (s, 3)
         Centres of the discs (m), what they are normal to, and forces on the body (N).
-    radius : ndarray, shape (s,)
-        Of the discs (m).
+    radius, bond : ndarray, shape (s,)
+        Of the discs (m); share of the base's image, 0 (half-space) to 1 (bonded at z = 0).
     shear_modulus : float
         Of the body (Pa).
-    bond : ndarray, shape (s,)
-        Share of the base's image, 0 (half-space) to 1 (bonded at z = 0).
     """
     moved = np.zeros_like(points)
     first = np.cross(normals, np.array([1.0, 0.0, 0.0]))
@@ -96,7 +89,7 @@ def _add_discs(
     points: Array, contacts: Array, first: Array, second: Array, forces: Array, bond: Array,
     moved: Array,
 ) -> None:  # fmt: skip
-    """Add `point_load` and a share of `base_image` over the nodes of discs, times 4 pi G."""
+    """Add point loads and a share of their images over the nodes of discs, times 4 pi G."""
     load, r, q = np.empty(3), np.empty(3), np.empty(3)
     for s in range(points.shape[0]):
         for k in range(DISC.shape[0]):
@@ -150,10 +143,8 @@ class Layer:
 
         Parameters
         ----------
-        numbers : ndarray, shape (...)
-            Wave numbers k (rad / m).
-        heights : ndarray, shape (h,)
-            Over the base, 0 to the thickness (m).
+        numbers, heights : ndarray, shape (...) and (h,)
+            Wave numbers k (rad / m); heights over the base, 0 to the thickness (m).
 
         Returns
         -------
@@ -186,20 +177,10 @@ class Layer:
         return moved[..., 0, :], moved[..., 1, :]
 
     def waves(self, heights: Array, kx: Array, ky: Array) -> Waves:
-        """Movement by a pressure wave of amplitude one whose wave vectors are a grid.
+        """Movement by a pressure wave of amplitude one, shape (5, h, m, n), at heights (h,) (m).
 
-        Parameters
-        ----------
-        heights : ndarray, shape (h,)
-            Over the base (m).
-        kx, ky : ndarray, shape (m, 1) and (1, n)
-            Wave vectors (rad / m).
-
-        Returns
-        -------
-        ndarray, shape (5, h, m, n)
-            ux, uy, uz (m / Pa), and turns about x and y (rad / Pa): half the curl. Lateral
-            movement is a gradient, so that nothing turns about z.
+        They are ux, uy, uz (m / Pa), and turns about x and y (rad / Pa): half the curl, which has
+        no part about z. Wave vectors are kx (m, 1) and ky (1, n) (rad / m).
         """
         k = np.hypot(kx, ky)
         step = STEP * self.thickness
@@ -214,21 +195,11 @@ class Layer:
         turn = 0.5j * (k * lift - slope)
         return np.stack([1j * along * cx, 1j * along * cy, lift + 0j, turn * cy, -turn * cx])
 
-    def displacement(self, pressure: Array, pitch: float, z: float) -> Array:
-        """Displacement (ny, nx, 3) (m) at a height under a pressure (ny, nx) (Pa) on squares.
-
-        The map of squares of the pitch (m) repeats itself beyond its edges.
-        """
-        ky, kx = wave_numbers(pressure.shape, pitch)
-        spectrum = self.waves(np.array([z]), ky, kx)[:3, 0] * np.fft.rfft2(pressure)
-        moved = np.fft.irfft2(spectrum, pressure.shape, axes=(1, 2))
-        return np.stack([moved[1], moved[0], moved[2]], axis=-1)
-
     def punch(self, covered: Bools, pitch: float, depth: float | Array) -> Array:
         """Pressure (ny, nx) (Pa) on covered squares under a smooth punch of a depth (m).
 
-        Conjugate gradients on the squares that are covered; the depth is one number, or a map
-        (ny, nx), such as that of a tilted punch all of which touches.
+        The depth is one number or a map (ny, nx). Conjugate gradients on the squares that are
+        covered.
         """
         numbers = np.hypot(*wave_numbers(covered.shape, pitch))
         give = -self.pressed(numbers, np.array([self.thickness]))[1][..., 0]
@@ -248,10 +219,10 @@ class Layer:
 
 
 def _propagated(height: Array, poisson_ratio: float) -> Array:
-    """exp(A h) / exp(h), shape (..., 4, 4), of displacements and tractions over a height h.
+    """exp(A h) / exp(h), shape (..., 4, 4), of displacements and tractions over a height h (rad).
 
     Displacement along the wave (a quarter ahead) and z, tractions over shear modulus and wave
-    number in the same order; lengths in radians.
+    number in the same order.
     """
     nu = poisson_ratio
     ratio = nu / (1 - nu)
@@ -268,23 +239,15 @@ def _propagated(height: Array, poisson_ratio: float) -> Array:
     return np.asarray(np.einsum('n...,nij->...ij', shares, powers))
 
 
-def punch_pressure(loops: Sequence[Array], layer: Layer, finer: int = 1) -> tuple[Array, Array]:
-    """Loads under a flat punch without friction, for one metre of depth; see `tilted_pressure`."""
-    points, loads = tilted_pressure(loops, layer, finer, tilted=False)
-    return points, loads[0]
-
-
-def tilted_pressure(
-    loops: Sequence[Array], layer: Layer, finer: int = 1, *, tilted: bool = True
+def punch_pressure(
+    loops: Sequence[Array], layer: Layer, finer: int = 1, *, tilted: bool = False
 ) -> tuple[Array, Array]:
     """Loads under a punch without friction for one metre of depth and for tilts.
 
     Parameters
     ----------
     loops : sequence of ndarray, shape (n, 2)
-        Its outline (m).
-    layer : Layer
-        Under it.
+        Its outline (m); ValueError is raised if it covers no cell.
     finer : int
         So many times as many cells along a side as are usual.
     tilted : bool
@@ -292,15 +255,8 @@ def tilted_pressure(
 
     Returns
     -------
-    points : ndarray, shape (p, 2)
-        Centres of the cells of a square grid inside the outline (m).
-    loads : ndarray, shape (1 or 3, p)
-        Force on each of them per depth (N / m), and per slope of the face along x and y (N).
-
-    Raises
-    ------
-    ValueError
-        If the outline covers no cell.
+    points, loads : ndarray, shape (p, 2) and (1 or 3, p)     Centres of square cells inside the
+    outline (m); force on each per depth (N / m), and per slope     of the face along x and y (N).
     """
     corners = np.concatenate(list(loops))
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -327,14 +283,7 @@ def at_pose(points: Array, pose: Array) -> Array:
 class PunchDents:
     """Dents of flat punches in one layer on a grid of a sheet's cells, for one metre of depth.
 
-    Parameters
-    ----------
-    sheet : Sheet
-        In the layer; gives cells and heights.
-    base : float
-        Height of the rigid base (m).
-    body : Layer
-        The whole body.
+    The rigid base of the whole `body` is at a height `base` (m).
     """
 
     def __init__(self, sheet: Sheet, base: float, body: Layer) -> None:
@@ -349,16 +298,14 @@ class PunchDents:
 
     def loads(self, outline: Outline) -> tuple[Array, Array]:
         """Points (p, 2) (m) in the outline's frame and loads (p,) per depth (N / m)."""
-        return punch_pressure(outline.loops, self.body)
+        points, loads = punch_pressure(outline.loops, self.body)
+        return points, loads[0]
 
     def images(self, points: Array, loads: Array, pose: Array) -> Array:
-        """Movements and turns for a unit of depth under `loads` at a pose (3,) (m, m, rad).
+        """Movements and turns (5, 2, n, n) for a unit of depth at a pose (3,) (m, m, rad).
 
-        Returns
-        -------
-        ndarray, shape (5, 2, n, n)
-            ux, uy, uz (m / m), turns about x and y (rad / m), on two levels, at cells whose
-            centres are `shift` beyond multiples of the pitch.
+        They are ux, uy, uz (m / m), turns about x and y (rad / m), on two levels, at cells whose
+        centres are `shift` beyond multiples of the pitch.
         """
         x, y = at_pose(points, pose)
         x, y = x - self.shift[0] * self.pitch, y - self.shift[1] * self.pitch
@@ -379,17 +326,10 @@ class PunchDents:
 
 
 class PunchedCarpet:
-    """Movements of nodes in one bonded layer under flat punches of any outline.
+    """Movements of nodes in one layer, bonded at z = 0, under flat punches of any outline.
 
-    Nodes stand in rows and columns, evenly or not (Gauss points): waves are summed along one axis
-    and then along the other, so that no grid of squares lies between the layer and the dipoles.
-
-    Parameters
-    ----------
-    layer : Layer
-        Bonded to its base at z = 0.
-    x, y, heights : ndarray, shape (m,), (n,) and (h,)
-        Nodes (m).
+    Nodes x (m,), y (n,), heights (h,) (m) stand in rows and columns, evenly or not: waves are
+    summed along one axis and then along the other, without a grid of squares.
     """
 
     def __init__(self, layer: Layer, x: Array, y: Array, heights: Array) -> None:
@@ -404,7 +344,8 @@ class PunchedCarpet:
 
     def loads(self, outline: Outline) -> tuple[Array, Array]:
         """Points (p, 2) (m) in the outline's frame and loads (p,) per depth (N / m)."""
-        return punch_pressure(outline.loops, self.layer, FINER)
+        points, loads = punch_pressure(outline.loops, self.layer, FINER)
+        return points, loads[0]
 
     def under(self, points: Array, loads: Array, pose: Array) -> tuple[Array, Array]:
         """Movements (m / m) and turns (rad / m), (m n h, 3) each, height by height within a node.

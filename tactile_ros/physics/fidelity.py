@@ -1,9 +1,9 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Fidelity that a scene needs: the cheapest model, and the terms that pay.
 
-Models are measured, not believed: each is compared with the exact one over the region of states
-that a scene may visit, and serves if its worst error there is below a third of the noise. Costs
-are counts of operations, so that a choice is the same on every machine; times belong to benches.
+Each model is compared with the exact one over the states that a scene may visit, and serves if
+its worst error there is below a third of the noise. Costs are counts of operations, so that a
+choice is the same on every machine.
 
 A term (a stray field, a temperature) that is estimated from the same readings takes precision from
 what is wanted; left out, it becomes a bias. The Cramer-Rao bound and the bias of least squares say
@@ -33,36 +33,18 @@ SOLVABLE = 1e-12
 
 @dataclass(frozen=True)
 class Model:
-    """One way to compute the readings of a sensor.
+    """One way to compute readings (s, n) of states (s, d), in the unit of the noise."""
 
-    Attributes
-    ----------
-    name : str
-        As reports name it.
-    readings : callable
-        States (s, d) -> readings (s, n) (unit of the noise).
-    operations : float
-        For one state.
-    numbers : int
-        That a table holds.
-    size : tuple of int
-        Nodes of a table, or dipoles; what builds the model again.
-    """
-
-    name: str
+    name: str  # in reports
     readings: Callable[[Array], Array]
-    operations: float
-    numbers: int = 0
-    size: tuple[int, ...] = ()
+    operations: float  # for one state
+    numbers: int = 0  # that a table holds
+    size: tuple[int, ...] = ()  # nodes of a table, or dipoles; what builds the model again
 
 
 @dataclass(frozen=True)
 class Rated:
-    """Errors of a model beside the exact one.
-
-    `rms` and `worst` are over the scene (unit of the noise), `share` is the worst error over the
-    noise of its channel; the others are those of the model.
-    """
+    """Errors of a model beside the exact one over a scene (unit of the noise)."""
 
     name: str
     operations: float
@@ -70,12 +52,12 @@ class Rated:
     size: tuple[int, ...]
     rms: float
     worst: float
-    share: float
+    share: float  # worst error over the noise of its channel
 
 
 @dataclass(frozen=True)
 class Choice:
-    """Model that a scene needs, least noise of a channel, and every model measured, by cost."""
+    """Model that a scene needs, least noise of a channel, and the models measured, by cost."""
 
     name: str
     size: tuple[int, ...]
@@ -108,36 +90,10 @@ def region(low: Array, high: Array, count: int, seed: int = 0) -> Array:
     return np.asarray(low + np.concatenate([corners, inside]) * (high - low))
 
 
-def choose(
-    models: Sequence[Model],
-    exact: Model,
-    states: Array,
-    noise: float | Array,
-    share: float = SHARE,
-    *,
-    every: bool = False,
-) -> Choice:
-    """Cheapest model whose worst error over a scene is below a share of the noise.
+def choose(models: Sequence[Model], exact: Model, states: Array, noise: float | Array) -> Choice:
+    """Cheapest model whose worst error over states (s, d) is below a third of the noise (n,).
 
-    Parameters
-    ----------
-    models : sequence of Model
-        To choose from, in any order.
-    exact : Model
-        Serves where none of them does, or none that is cheaper.
-    states : ndarray, shape (s, d)
-        Of the scene; see `region`.
-    noise : float or ndarray, shape (n,)
-        Of a reading.
-    share : float
-        Of the noise that an error may be.
-    every : bool
-        Measure all models, not only those up to the one that is chosen.
-
-    Raises
-    ------
-    ValueError
-        If the noise is not above 0.
+    The exact one serves where no cheaper one does. Raises ValueError if a noise is not above 0.
 
     Examples
     --------
@@ -152,17 +108,12 @@ def choose(
     if not (sigma > 0).all():
         msg = f'noise of a scene must be above 0; received {noise}'
         raise ValueError(msg)
-    rated: list[Rated] = []
-    chosen, truth = exact, exact.readings(states)
-    for model in sorted(models, key=lambda m: (m.operations, m.numbers)):
-        cheaper = model.operations < exact.operations
-        if not (every or (cheaper and chosen is exact)):
+    truth, rated = exact.readings(states), []
+    cheaper = [model for model in models if model.operations < exact.operations]
+    for chosen in [*sorted(cheaper, key=lambda m: (m.operations, m.numbers)), exact]:
+        rated.append(rate(chosen, truth, states, sigma))
+        if rated[-1].share <= SHARE:
             break
-        rated.append(rate(model, truth, states, sigma))
-        if cheaper and rated[-1].share <= share and chosen is exact:
-            chosen = model
-    if every or chosen is exact:
-        rated.append(Rated(exact.name, exact.operations, exact.numbers, exact.size, 0.0, 0.0, 0.0))
     return Choice(chosen.name, chosen.size, float(sigma.min()), tuple(rated))
 
 
@@ -176,56 +127,28 @@ def rate(model: Model, truth: Array, states: Array, noise: Array) -> Rated:
 
 @dataclass(frozen=True)
 class Term:
-    """Disturbance of readings.
+    """Disturbance of readings by q unknowns."""
 
-    Attributes
-    ----------
-    name : str
-        As reports name it.
-    columns : ndarray, shape (s, n, q)
-        Change of the readings with each of its q unknowns.
-    spread : float
-        Standard deviation of the unknowns in the scene.
-    """
-
-    name: str
-    columns: Array
-    spread: float
+    name: str  # in reports
+    columns: Array  # (s, n, q) change of the readings with each unknown
+    spread: float  # standard deviation of the unknowns in the scene
 
 
 @dataclass(frozen=True)
-class Worth:
-    """Gain of estimating a term.
-
-    Attributes
-    ----------
-    name, unknowns : str and int
-        Of the term, and how many it adds.
-    reads : float
-        Change of a reading by it (rms; unit of the noise).
-    without, within : float
-        Rms error of what is wanted when it is left out, and when it is estimated.
-    alone : float
-        Rms error of what is wanted in a scene that has no such disturbance.
-    """
+class TermGain:
+    """Gain of estimating a term: rms errors of what is wanted."""
 
     name: str
-    unknowns: int
-    reads: float
-    without: float
-    within: float
-    alone: float
+    unknowns: int  # that it adds
+    without: float  # error where it is left out
+    within: float  # error where it is estimated
+    alone: float  # error in a scene that has no such disturbance
 
     @property
     def report(self) -> dict[str, dict[str, float]]:
         """Gain as calibrations and reports name it."""
         figures = {'costs': self.cost, 'buys': self.buys, 'unknowns': float(self.unknowns)}
         return {f'term: {self.name}': figures}
-
-    @property
-    def pays(self) -> bool:
-        """True if the scene is estimated better with the term."""
-        return self.within < self.without
 
     @property
     def cost(self) -> float:
@@ -238,10 +161,10 @@ class Worth:
         return self.without / self.within
 
 
-def worth(
+def term_gains(
     slopes: Array, noise: float, terms: Sequence[Term], wanted: int | None = None
-) -> tuple[Worth, ...]:
-    """Weigh each term by itself.
+) -> tuple[TermGain, ...]:
+    """Gain of each term by itself.
 
     Parameters
     ----------
@@ -258,7 +181,7 @@ def worth(
     --------
     >>> two = np.array([[[1.0], [0.0]]])
     >>> both = Term('offset of both', np.array([[[1.0], [1.0]]]), 3.0)
-    >>> (found,) = worth(two, 1.0, [both])
+    >>> (found,) = term_gains(two, 1.0, [both])
     >>> round(found.without, 3), round(found.within, 3), round(found.alone, 3)
     (3.162, 1.414, 1.0)
     """
@@ -268,10 +191,9 @@ def worth(
     weighed = []
     for term in terms:
         bias = term.spread**2 * ((own @ term.columns) ** 2).sum(axis=(1, 2))
-        reads = term.spread * np.sqrt((term.columns**2).sum(axis=2).mean())
         squares = alone + bias, noise**2 * _bound(slopes, term, noise, count), alone
         errors = [float(np.sqrt(square.mean())) for square in squares]
-        weighed.append(Worth(term.name, term.columns.shape[2], float(reads), *errors))
+        weighed.append(TermGain(term.name, term.columns.shape[2], *errors))
     return tuple(weighed)
 
 

@@ -8,44 +8,21 @@ in which the field is smooth at the axis, and its columns heights.
 
 from __future__ import annotations
 
+import math
 from functools import cache
 
 import numpy as np
 
-from tactile_ros.physics.fidelity import CUBIC_COST, LINEAR_COST, Model
+from tactile_ros.physics.compiled import compiled
+from tactile_ros.physics.fidelity import CUBIC_COST, Model
 from tactile_ros.physics.magnetics import Disc, axial_cylinder, on_pixels, tilt_rotation
-from tactile_ros.types import Array, Integers
+from tactile_ros.types import Array
 
-ROWS, COLUMNS = 128, 96
+SHAPE = (128, 96)  # rows and columns
 SHAPES = (
     (13, 9), (25, 17), (37, 25), (49, 33), (73, 49), (97, 65), (128, 96), (161, 113), (193, 129),
     (257, 193),
 )  # fmt: skip
-
-
-def cubic_weights(position: Array, count: int) -> tuple[Integers, Array, Array]:
-    """First of four nodes (...), Lagrange's weights (4, ...) and their slopes over a step.
-
-    `position` (...) is in steps from the first of `count` nodes, four at least; polynomials of
-    the third degree come back exactly, and near an edge the last four nodes are taken.
-    """
-    first = np.clip(np.floor(position).astype(np.int64) - 1, 0, count - 4)
-    u = position - first - 1
-    a, b, c = u + 1, u - 1, u - 2
-    weights = np.stack([-u * b * c / 6, a * b * c / 2, -a * u * c / 2, a * u * b / 6])
-    slopes = np.stack([
-        -(b * c + u * c + u * b) / 6, (b * c + a * c + a * b) / 2,
-        -(u * c + a * c + a * u) / 2, (u * b + a * b + a * u) / 6,
-    ])  # fmt: skip
-    return first, weights, slopes
-
-
-def linear_weights(position: Array, count: int) -> tuple[Integers, Array, Array]:
-    """First of two nodes, their weights and slopes (2, ...); see `cubic_weights`."""
-    first = np.clip(np.floor(position).astype(np.int64), 0, count - 2)
-    u = position - first
-    one = np.ones_like(u)
-    return first, np.stack([1 - u, u]), np.stack([-one, one])
 
 
 def reach_under(pixels: Array, gap: float, height: float) -> tuple[float, float, float]:
@@ -72,7 +49,7 @@ def disc_table(
     diameter: float,
     height: float,
     reach: tuple[float, float, float],
-    shape: tuple[int, int] = (ROWS, COLUMNS),
+    shape: tuple[int, int] = SHAPE,
 ) -> tuple[Array, Array]:
     """Tabulate the field below a disc of remanence 1 T.
 
@@ -106,63 +83,75 @@ def disc_table(
     return table, np.array([step, least, rise, float(columns)])
 
 
-def table_field(own: Array, table: Array, grid: Array, degree: int = 3) -> tuple[Array, Array]:
-    """Field of a disc of 1 T in its own axes, and how it changes with the place.
+@compiled
+def lagrange(u: float) -> tuple[float, ...]:
+    """Weights of four nodes at -1, 0, 1, 2, and their slopes."""
+    a, b, c = u + 1, u - 1, u - 2
+    return (
+        -u * b * c / 6,
+        a * b * c / 2,
+        -a * u * c / 2,
+        a * u * b / 6,
+        -(b * c + u * c + u * b) / 6,
+        (b * c + a * c + a * b) / 2,
+        -(u * c + a * c + a * u) / 2,
+        (u * b + a * b + a * u) / 6,
+    )
 
-    Parameters
-    ----------
-    own : ndarray, shape (n, 3)
-        Points under the disc, from its centre (m).
-    table, grid : ndarray
-        Of `disc_table`.
-    degree : int
-        Of the interpolation: 3, or 1 for the rule of four nodes, which is coarser.
 
-    Returns
-    -------
-    field : ndarray, shape (n, 3)
-        (T).
-    slope : ndarray, shape (n, 3, 3)
-        d field[i] / d own[j] (T / m).
-    """
-    step, least, rise, _ = grid
-    x, y = own[:, 0], own[:, 1]
-    weigh = cubic_weights if degree == 3 else linear_weights
-    i, wi, si = weigh((x * x + y * y) / step + 1, table.shape[0])
-    j, wj, sj = weigh((-own[:, 2] - least) / rise, table.shape[1])
-    nodes = np.arange(len(wi))
-    near = table[i[:, None, None] + nodes[:, None], j[:, None, None] + nodes]
-    rows = np.einsum('nabk,bn->ank', near, wj)
-    f, g = np.einsum('ank,an->kn', rows, wi)
-    fs, gs = np.einsum('ank,an->kn', rows, si) * (2 / step)
-    fz, gz = np.einsum('nabk,bn,an->kn', near, sj, wi) / -rise
-    field = np.stack([f * x, f * y, g], axis=1)
-    slope = np.empty((len(own), 3, 3))
-    slope[:, 0, 0], slope[:, 1, 1] = f + x * x * fs, f + y * y * fs
-    slope[:, 0, 1] = slope[:, 1, 0] = x * y * fs
-    slope[:, 0, 2], slope[:, 1, 2] = x * fz, y * fz
-    slope[:, 2, 0], slope[:, 2, 1], slope[:, 2, 2] = x * gs, y * gs, gz
-    return field, slope
+@compiled
+def table_point(
+    x: float, y: float, z: float, table: Array, grid: Array
+) -> tuple[float, float, float, float, float, float]:
+    """Radial field over distance and axial field; their slopes over the distance, and depth."""
+    p, q = (x * x + y * y) / grid[0] + 1, (-z - grid[1]) / grid[2]
+    i = min(max(math.floor(p) - 1, 0), table.shape[0] - 4)
+    j = min(max(math.floor(q) - 1, 0), table.shape[1] - 4)
+    wi, wj = lagrange(p - i - 1), lagrange(q - j - 1)
+    f = g = fs = gs = fz = gz = 0.0
+    for a in range(4):
+        rf = rg = tf = tg = 0.0
+        for b in range(4):
+            near, far = table[i + a, j + b, 0], table[i + a, j + b, 1]
+            rf += near * wj[b]
+            rg += far * wj[b]
+            tf += near * wj[b + 4]
+            tg += far * wj[b + 4]
+        f += rf * wi[a]
+        g += rg * wi[a]
+        fs += rf * wi[a + 4]
+        gs += rg * wi[a + 4]
+        fz += tf * wi[a]
+        gz += tg * wi[a]
+    fs, gs = fs * (2 / grid[0]), gs * (2 / grid[0])
+    return f, g, fs, gs, fz / -grid[2], gz / -grid[2]
+
+
+@compiled
+def table_field(own: Array, table: Array, grid: Array, field: Array) -> None:
+    """Write the field (n, 3) of a disc of 1 T at points (n, 3) in its own axes (m)."""
+    for n in range(len(own)):
+        x, y = own[n, 0], own[n, 1]
+        point = table_point(x, y, own[n, 2], table, grid)
+        field[n, 0], field[n, 1], field[n, 2] = point[0] * x, point[0] * y, point[1]
 
 
 def table_disc_model(
-    pixels: Array,
-    disc: Disc,
-    reach: tuple[float, float, float],
-    shape: tuple[int, int],
-    degree: int = 3,
+    pixels: Array, disc: Disc, reach: tuple[float, float, float], shape: tuple[int, int]
 ) -> Model:
-    """Table of a shape, linear or cubic (degree 3), at pixels (t, 3); built when first needed."""
+    """Cubic table of a shape at pixels (t, 3); built when first needed."""
     diameter, height, remanence = disc
-    kind, cost = ('cubic', CUBIC_COST) if degree == 3 else ('linear', LINEAR_COST)
 
     @cache
     def built() -> tuple[Array, Array]:
         return disc_table(diameter, height, reach, shape)
 
     def field(own: Array) -> Array:
-        return remanence * table_field(own, *built(), degree)[0]
+        found = np.empty_like(own)
+        table_field(own, *built(), found)
+        return remanence * found
 
-    name = f'{kind} table {shape[0]} x {shape[1]}'
-    numbers = 2 * shape[0] * shape[1]
-    return Model(name, on_pixels(pixels, field), cost * len(pixels), numbers, shape)
+    return Model(
+        f'cubic table {shape[0]} x {shape[1]}', on_pixels(pixels, field),
+        CUBIC_COST * len(pixels), 2 * shape[0] * shape[1], shape,
+    )  # fmt: skip

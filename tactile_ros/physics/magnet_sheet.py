@@ -2,12 +2,10 @@
 """Magnetised sheet on a soft layer: its field at rest, and how the field changes when dented.
 
 A sheet is magnetised as in [1]: M1 along z; M2 along y; M3 and M4 along y in bands of changing
-sign, as folding leaves them. At rest it has a closed form. A sheet that gives way is a carpet of
-dipoles that its body carries and turns; what a movement u does to the field is a Taylor series in
-u, of which each term is a product of a tensor of the chip and dipole with a power of u: as both
-depend on places alone, one Fourier transform gives the answers to one dent at all places. Far from
-its edges an alternating sheet is a sum of odd harmonics, each of which fades with the distance
-over its own length (Halbach, Nucl. Instrum. Methods 169, 1980).
+sign. At rest it has a closed form. A sheet that gives way is a carpet of dipoles that its body
+carries and turns; what a movement u does to the field is a Taylor series in u, of which each term
+is a product of a tensor of the chip and dipole with a power of u: as both depend on places alone,
+one Fourier transform gives the answers to one dent at all places.
 """
 
 from __future__ import annotations
@@ -38,34 +36,16 @@ Exponents = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class Sheet:
-    """Magnetised sheet above chips, and its dipoles on a grid of cells on two levels.
+    """Magnetised sheet above chips, and its dipoles on a grid of cells on two levels."""
 
-    Attributes
-    ----------
-    size : ndarray, shape (2,)
-        Along x and y (m); its centre is the origin.
-    low, thickness : float
-        Height of its lower face, and its thickness (m).
-    pole_pitch : float
-        Width of a band (m).
-    magnetisation : str
-        'M1' to 'M4'.
-    strengths : ndarray, shape (b,)
-        Remanence (T) of bands from -y to +y; the last one holds for further bands.
-    shift : float
-        Of the bands along y (m).
-    uneven : ndarray, shape (x, y), or None
-        Relative deviation of the remanence at the cells.
-    """
-
-    size: Array
-    low: float
+    size: Array  # (2,) along x and y (m); the centre is the origin
+    low: float  # height of the lower face (m)
     thickness: float
-    pole_pitch: float
-    magnetisation: str
-    strengths: Array
-    shift: float = 0.0
-    uneven: Array | None = None
+    pole_pitch: float  # width of a band (m)
+    magnetisation: str  # 'M1' to 'M4'
+    strengths: Array  # (b,) remanence (T) of bands from -y to +y; the last holds for further ones
+    shift: float = 0.0  # of the bands along y (m)
+    uneven: Array | None = None  # (x, y) relative deviation of the remanence at the cells
 
     @property
     def pitch(self) -> float:
@@ -128,16 +108,12 @@ class Sheet:
         weight[first : first + order] = _edge_weights(away - first, order)
         return weight
 
-    @property
-    def cell_volume(self) -> float:
-        """Volume that a dipole stands for (m3)."""
-        return self.pitch**2 * self.thickness / len(LEVELS)
-
     @cached_property
     def band_moments(self) -> Array:
         """Moments of the dipoles (A m2), for a remanence of one in each band, (x y 2, b)."""
         even = np.ones(len(self.lines[0])) if self.uneven is None else 1 + self.uneven
-        share = magnet_moment(1.0, self.cell_volume) * self.shares
+        volume = self.pitch**2 * self.thickness / len(LEVELS)
+        share = magnet_moment(1.0, volume) * self.shares
         wide = even[..., None] * share if even.ndim > 1 else even[:, None, None] * share
         return np.repeat(wide.reshape(-1, wide.shape[-1]), len(LEVELS), axis=0)
 
@@ -145,12 +121,6 @@ class Sheet:
     def each_moment(self) -> Array:
         """Moment of each dipole (A m2), shape (x y 2,)."""
         return np.asarray(self.band_moments @ self.strengths)
-
-    @property
-    def moments(self) -> Array:
-        """Moment of a dipole in each cell (A m2), shape (x, y)."""
-        x, y = self.lines
-        return self.each_moment[:: len(LEVELS)].reshape(len(x), len(y))
 
     @cached_property
     def dipoles(self) -> tuple[Array, Array]:
@@ -168,7 +138,8 @@ class Sheet:
             return np.asarray(even)
         # blocks are exact where a carpet is coarse; what is uneven along them is small
         more = np.zeros((*self.uneven.shape, len(LEVELS), 3))
-        more[..., self.axis] = (self.moments * self.uneven / (1 + self.uneven))[..., None]
+        moments = self.each_moment[:: len(LEVELS)].reshape(self.uneven.shape)
+        more[..., self.axis] = (moments * self.uneven / (1 + self.uneven))[..., None]
         flat = points.reshape(-1, 3)
         change = dipole_field(flat, self.dipoles[0], more.reshape(-1, 3))
         return np.asarray(even + change.reshape(points.shape))
@@ -189,16 +160,9 @@ class Sheet:
         return np.stack(field, axis=1)
 
     def cell_changes(self, points: Array, rows: Integers, moved: Array, turned: Array) -> Array:
-        """Change of the field by a dent for dipoles of a moment of one, shape (t, 3, n).
+        """Change (t, 3, n) of the field at points by a dent, for dipoles of a moment of one.
 
-        Parameters
-        ----------
-        points : ndarray, shape (t, 3)
-            Where it is wanted (m).
-        rows : ndarray, shape (n,)
-            Numbers of the dipoles.
-        moved, turned : ndarray, shape (x y 2, 3)
-            Movements (m) and small turns (rad) of all dipoles.
+        Movements (m) and small turns (rad) are of all dipoles, shape (x y 2, 3).
         """
         unit = np.eye(3)[self.axis]
         spun = unit + np.cross(turned[rows], unit)
@@ -256,21 +220,10 @@ def inverse_distance_series(r: Array, order: int) -> dict[Exponents, Array]:
 
 
 def moved_dipole_series(r: Array, moment: Array, axis: int, order: int) -> Array:
-    """Terms of a dipole's field by powers of its movement.
+    """Terms (len(powers(order)), 3, ...) of a dipole's field by powers of its movement (T).
 
-    Parameters
-    ----------
-    r : ndarray, shape (..., 3)
-        From the dipole to the point (m).
-    moment : ndarray, broadcast over (...)
-        Along `axis` (A m2).
-    axis, order : int
-        Direction of the moment; power of the movement.
-
-    Returns
-    -------
-    ndarray, shape (len(powers(order)), 3, ...)
-        Times the products of the movement's components: flux density (T).
+    From the dipole to the point is r (..., 3) (m); its moment, broadcast over (...), is along
+    `axis` (A m2); `order` is the power of the movement.
     """
     series = inverse_distance_series(r, order + 2)
     unit = np.eye(3, dtype=int)
@@ -286,18 +239,14 @@ def moved_dipole_series(r: Array, moment: Array, axis: int, order: int) -> Array
 
 
 def carpet(sheet: Sheet, pitch: float, levels: int = 1, points: int = 1) -> tuple[Array, Array]:
-    """Places (m) and moments (A m2), (g, 3) each, of a carpet of dipoles.
+    """Places (m) and moments (A m2), (g, 3) each, of a carpet of dipoles of a sheet at rest.
 
     Parameters
     ----------
-    sheet : Sheet
-        At rest.
     pitch : float
         Of the carpet, about: no dipole stands for parts of two bands (m).
-    levels : int
-        Of dipoles over the thickness, at Gauss points.
-    points : int
-        Gauss points along each side of a part of the pitch.
+    levels, points : int
+        Gauss points over the thickness, and along each side of a part of the pitch.
     """
     bands, low, high, signs = (np.array(part) for part in zip(*sheet.bands, strict=True))
     x, wide, _ = _nodes(-0.5 * sheet.size[:1], 0.5 * sheet.size[:1], pitch, points)

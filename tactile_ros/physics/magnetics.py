@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import elliprf, elliprj
 
-from tactile_ros.physics.fidelity import DIPOLE_COST, DISC_COST, Model
+from tactile_ros.physics.fidelity import DISC_COST, Model
 from tactile_ros.types import Array
 
 if TYPE_CHECKING:
@@ -29,7 +29,6 @@ FAR = 100.0  # sizes from which a magnet is a dipole
 EDGE = 1e-9  # sizes: how near to an edge the field still rises
 IN_CACHE = 8192  # pairs of a point and a dipole that are computed at once
 EXACT = 0  # edge nodes: the closed form of a block
-RINGS = ((1, 1, 1), (2, 1, 4), (2, 2, 5), (3, 2, 6), (3, 4, 8), (4, 5, 12))
 Disc = tuple[float, float, float]  # diameter and height (m), remanence (T)
 
 
@@ -49,7 +48,7 @@ def each_dipole_field(points: Array, places: Array, moments: Array) -> list[Arra
 
 
 def dipole_field(points: Array, places: Array, moments: Array) -> Array:
-    """Sum of the fields of dipoles.
+    """Sum of the fields (..., t, 3) (T) of dipoles.
 
     Parameters
     ----------
@@ -57,11 +56,6 @@ def dipole_field(points: Array, places: Array, moments: Array) -> Array:
         Where the field is wanted (m).
     places, moments : ndarray, shape (..., m, 3)
         Dipoles, none of them at a point (m, A m2).
-
-    Returns
-    -------
-    ndarray, shape (..., t, 3)
-        Flux density (T).
 
     Examples
     --------
@@ -109,7 +103,7 @@ def tilt_rotation(tilts: Array) -> Array:
 
 
 def cuboid_field(points: Array, size: Array, polarisation: Array) -> Array:
-    """Field of a block whose polarisation is the same throughout.
+    """Field (..., 3) (T) of a block whose polarisation is the same throughout.
 
     Parameters
     ----------
@@ -117,11 +111,6 @@ def cuboid_field(points: Array, size: Array, polarisation: Array) -> Array:
         From its centre, along its edges (m).
     size, polarisation : ndarray, shape (3,)
         Its edges (m), and remanence times direction (T).
-
-    Returns
-    -------
-    ndarray, shape (..., 3)
-        Flux density (T); inside the block that of its inside.
 
     Examples
     --------
@@ -169,21 +158,7 @@ def _dipole_if_far(points: Array, field: Array, size: float, moment: Array) -> A
 
 
 def cylinder_field(points: Array, diameter: float, height: float, remanence: float) -> Array:
-    """Field of a disc magnetised along its axis z.
-
-    Parameters
-    ----------
-    points : ndarray, shape (..., 3)
-        From its centre (m).
-    diameter, height : float
-        Of the disc (m).
-    remanence : float
-        Along z (T).
-
-    Returns
-    -------
-    ndarray, shape (..., 3)
-        Flux density (T); inside the disc that of its inside.
+    """Field (..., 3) (T) of a disc magnetised along z, at points from its centre (m).
 
     Examples
     --------
@@ -224,33 +199,6 @@ def axial_cylinder(rho: Array, z: Array, diameter: float, height: float) -> tupl
     return radial / np.pi, a / (a + rho) * axial / np.pi
 
 
-def disc_dipoles(
-    diameter: float, height: float, rings: tuple[int, int, int]
-) -> tuple[Array, Array]:
-    """Dipoles on rings that stand for a disc: places (m, 3) (m) and shares (m,) of its moment.
-
-    Rings stand at Gauss points of the height and of the square of the radius, so that each stands
-    for its share of the volume. `rings`: levels of the height, rings on each, dipoles on a ring;
-    (1, 1, 1): one at the centre.
-
-    Examples
-    --------
-    >>> places, shares = disc_dipoles(2e-3, 1e-3, (2, 2, 5))
-    >>> len(places), round(float(shares.sum()), 12)
-    (20, 1.0)
-    """
-    levels, count, around = rings
-    z, wz = np.polynomial.legendre.leggauss(levels)
-    square, wr = np.polynomial.legendre.leggauss(count)
-    radius = np.sqrt((square + 1) / 2) * (diameter / 2 if around > 1 else 0.0)
-    # rings are turned against each other, lest they share their corners
-    turn = 2 * np.pi * (np.arange(around) + 0.5 * np.arange(levels * count)[:, None]) / around
-    tall, wide = np.repeat(z * height / 2, count)[:, None], np.tile(radius, levels)[:, None]
-    places = np.stack([wide * np.cos(turn), wide * np.sin(turn), tall + 0 * turn], axis=-1)
-    weight = np.repeat(wz, count) * np.tile(wr, levels) / 4
-    return places.reshape(-1, 3), np.repeat(weight / around, around)
-
-
 def on_pixels(pixels: Array, own_field: Callable[[Array], Array]) -> Callable[[Array], Array]:
     """Readings (s, t, 3) of discs at states (s, 5) from a field (n, 3) in their own axes.
 
@@ -272,44 +220,19 @@ def exact_disc(pixels: Array, disc: Disc) -> Model:
     return Model('exact', readings, DISC_COST * len(pixels))
 
 
-def dipole_disc(pixels: Array, disc: Disc, rings: tuple[int, int, int]) -> Model:
-    """Disc as some dipoles at pixels (t, 3)."""
-    diameter, height, remanence = disc
-    places, shares = disc_dipoles(diameter, height, rings)
-    moment = magnet_moment(remanence, float(np.pi / 4 * diameter**2 * height))
-    moments = moment * shares[:, None] * np.array([0.0, 0.0, 1.0])
-    readings = on_pixels(pixels, lambda own: dipole_field(own, places, moments))
-    name = f'{len(places)} dipoles' if len(places) > 1 else 'dipole'
-    return Model(name, readings, DIPOLE_COST * len(places) * len(pixels), size=rings)
-
-
 @dataclass(frozen=True)
 class Blocks:
     """Block magnets of one size that a soft body carries and turns, each as some dipoles or exact.
 
     Eight dipoles at the Gauss points of a block have its octupole: with blocks of 2 x 2 x 1 mm at
-    6 mm they differ from the exact field by a thousandth, and a turned block costs no more than a
-    straight one.
-
-    Attributes
-    ----------
-    centres : ndarray, shape (m, 3)
-        At rest (m).
-    frames : ndarray, shape (m, 3, 3)
-        Columns are a magnet's own axes; the third is that of its magnetisation.
-    size : ndarray, shape (3,)
-        Edges along the own axes (m).
-    remanence : float
-        Of all (T).
-    edge_nodes : int
-        Dipoles along an edge of a block: 1, 2 (eight dipoles) or more; `EXACT`: its closed form.
+    6 mm they differ from the exact field by a thousandth.
     """
 
-    centres: Array
-    frames: Array
-    size: Array
+    centres: Array  # (m, 3) at rest (m)
+    frames: Array  # (m, 3, 3) columns are own axes, the third that of the magnetisation
+    size: Array  # (3,) edges along the own axes (m)
     remanence: float
-    edge_nodes: int = 2
+    edge_nodes: int = 2  # dipoles along an edge of a block; EXACT: its closed form
 
     @classmethod
     def along(
@@ -356,8 +279,8 @@ class Blocks:
     def carried(self, displacement: Callable[[Array], Array]) -> tuple[Array, Array]:
         """Displacement (m) and turn (rad), (s, m, 3) each, of every block in a body.
 
-        They follow from the middles of a block's six faces: their mean displacement, and half the
-        curl from face to face. `displacement` gives that of points (n, 3), shape (s, n, 3).
+        They are the mean displacement, and half the curl, of the middles of its six faces;
+        `displacement` gives that of points (n, 3), shape (s, n, 3).
         """
         half = 0.5 * self.size
         faces = np.concatenate([np.diag(half), -np.diag(half)])

@@ -26,8 +26,8 @@ NEAREST = 1e-3  # of the edge: no touch counts as nearer to the border
 def linear_place(potentials: Array, size: Array) -> Array:
     """Place (..., 2) (m from electrode A) at which ideal linear potentials have given values.
 
-    `potentials` (..., 2) are u_AC (1 at A) and u_BD (1 at B), fractions of the supply; `size` (2,)
-    is that of the sheet (m). [5] section 2.2.
+    `potentials` (..., 2) are u_AC (1 at A) and u_BD (1 at B); `size` (2,) is of the sheet (m).
+    [5], section 2.2.
 
     Examples
     --------
@@ -54,8 +54,6 @@ def series_resistance(x: float, y: float, law: Array) -> float:
 class SeriesResistance:
     """Rx from a touch to the joined corners over a border that conducts perfectly, over R0.
 
-    It falls so steeply near the border that no sum of a few cosines tells it.
-
     Attributes
     ----------
     size : ndarray, shape (2,)
@@ -68,8 +66,8 @@ class SeriesResistance:
     Notes
     -----
     Sheet / 2 pi times the logarithm of the conformal radius over the touch's own. The radius is
-    that of a strip as wide as the sheet is short, times what the sources beyond the other two
-    sides make of it that keep those at one potential; the six nearest count.
+    that of a strip as wide as the sheet is short, times what the six nearest sources beyond the
+    other two sides make of it that keep those at one potential.
     """
 
     size: Array
@@ -90,49 +88,10 @@ class SeriesResistance:
         return np.array([long, far, strip, self.sheet / (2 * np.pi)])
 
 
-def touch_edge(film: Array, force: Array, edge: float, at_one: float, exponent: float) -> Array:
-    """Edge (s,) (m) of a square touch whose force is known from elsewhere.
-
-    Parameters
-    ----------
-    film : ndarray, shape (s,)
-        Resistance of the film alone, R - Rx (ohm).
-    force : ndarray, shape (s,)
-        Normal force (N).
-    edge : float
-        Edge of the touches that the film was calibrated with (m).
-    at_one, exponent : float
-        Of their law: at_one force ** -exponent (ohm); NaN is returned for an exponent of 1, with
-        which the size does not show.
-
-    Notes
-    -----
-    The three readings alone do not give the size: two give the place, because the mean of a
-    harmonic potential over a disc is its value in the middle ([5] Eq. (1)), and the third is of
-    force and size at once. With pressure F / A under a film of resistivity ~ pressure ** -b the
-    film has at_one F ** -b (A / A0) ** (b - 1).
-
-    Examples
-    --------
-    >>> film = 2000 * 8.0**-0.7 * (0.01 / 0.015) ** (2 * (0.7 - 1))
-    >>> touch_edge(np.array([film]), np.array([8.0]), 0.015, 2000.0, 0.7).round(6).tolist()
-    [0.01]
-    """
-    if exponent == 1.0:
-        return np.full(np.shape(film), np.nan)
-    ratio = film / (at_one * force**-exponent)
-    return np.asarray(edge * ratio ** (0.5 / (exponent - 1.0)))
-
-
 def unrolled(places: Array, radius: float) -> Array:
     """Flat places (s, 2) of places (s, 3) on a cylinder of a radius (m) about the y axis.
 
     The top of the cylinder, at z = 0, is x = 0; z falls to both sides.
-
-    Examples
-    --------
-    >>> unrolled(np.array([[0.2, 0.05, -0.2]]), 0.2).round(4).tolist()
-    [[0.3142, 0.05]]
     """
     x, y, z = places.T
     return np.stack([radius * np.arctan2(x, radius + z), y], axis=1)

@@ -32,8 +32,7 @@ def hall_sensitivity(
     coefficients : ndarray, shape (3,)
         p0, p1, p2.
     fitted : tuple of float
-        Temperatures between which the polynomial was fitted; outside it stands still, since a
-        parabola does not.
+        Temperatures between which the polynomial was fitted, beyond which it stands still.
 
     Notes
     -----
@@ -65,13 +64,8 @@ def remanence_at(temperature_c: Array, remanence: float, slope: float = REMANENC
 def following(temperature_c: Array, dt: Array, time_constant: float) -> Array:
     """Temperature (s,) of a body that follows another's with a time constant (s).
 
-    It begins with the first of `temperature_c` (s,); `dt` (s,) is the time since the row before.
-    Exact where the other's temperature is constant between rows, however long they are.
-
-    Raises
-    ------
-    ValueError
-        If a time is negative.
+    It begins with the first of `temperature_c` (s,); `dt` (s,) is the time since the row before,
+    and ValueError is raised if one is negative. Exact where the other is constant between rows.
 
     Examples
     --------

@@ -51,7 +51,7 @@ def problem(stated: float) -> tuple[ModelPrior, np.ndarray, np.ndarray]:
 
 
 def fitted(model: ModelPrior, x: np.ndarray, f: np.ndarray) -> tuple[Calibration, Influence]:
-    fit = calibrate(model, x, f, x)
+    fit = calibrate(model, model.frames(x), f, x)
     return fit, Influence(model, fit, model.frames(x), f)
 
 
@@ -66,7 +66,7 @@ def test_held_out_errors_are_those_of_refits_without_the_group(size: int) -> Non
     for name in (0, 2):
         held = groups == name
         without = np.where(held[:, None], np.nan, f)
-        refit = calibrate(model, x, without, x)
+        refit = calibrate(model, model.frames(x), without, x)
         weights = refit.parameters.reshape(2, TERMS)
         known = np.isfinite(f[held])
         expected = x[held] @ weights.T - f[held]

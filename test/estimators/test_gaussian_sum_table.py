@@ -47,35 +47,6 @@ def test_posterior_is_bayes_on_a_fine_grid() -> None:
     assert 0.6 < (np.abs(error) < np.sqrt(seen.cov[:, 0, 0])).mean() < 0.76
 
 
-def test_posterior_holds_both_touches_of_one_reading() -> None:
-    folded = table()
-    readings = folded.readings.copy()
-    readings[:, [0]] = 0.0  # cosine and square are even: left and right look the same
-    slopes = folded.slopes.copy()
-    slopes[:, 0] = 0.0
-    even = Linearised(readings, slopes, folded.answers, folded.leads, folded.sigma, folded.share)
-    x = bent(np.array([[0.8]]))[0]
-    x[:, 0] = 0.0
-    seen = GaussianSumTable(even, neighbours=16)(x)
-    assert abs(seen.mean[0, 0]) < 0.05
-    assert np.sqrt(seen.cov[0, 0, 0]) == pytest.approx(0.8, rel=0.05)
-
-
-def test_metric_with_a_common_cause_separates_it_from_touches() -> None:
-    rng = np.random.default_rng(1)
-    common = np.array([[1.0], [1.0], [-1.0]])
-    true = rng.uniform(-1.2, 1.2, (200, 1))
-    x = bent(true)[0] + NOISE * rng.normal(size=(200, 3))
-    hit = x + 0.5 * rng.normal(size=(200, 1)) * common.T
-    plain = GaussianSumTable(table(400), neighbours=32)
-    blind = GaussianSumTable(table(400), common, 0.5, neighbours=64)
-    error = {name: np.abs(one(hit).mean - true).mean() for name, one in
-             (('plain', plain), ('blind', blind))}  # fmt: skip
-    assert error['blind'] < 0.2 * error['plain']
-    assert (blind(hit).evidence > plain(hit).evidence).mean() > 0.8
-    assert (blind(x).evidence < plain(x).evidence).mean() > 0.95
-
-
 @pytest.mark.parametrize('strength', [0.0, 0.4])
 def test_row_alone_has_the_bits_of_a_batch(strength: float) -> None:
     rng = np.random.default_rng(2)

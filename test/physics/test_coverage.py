@@ -7,13 +7,11 @@ import numpy as np
 import pytest
 
 from tactile_ros.physics.coverage import (
-    area_current,
     area_share,
     inside,
     part_pressure,
     read_parts,
     tube_fields,
-    washer,
 )
 from tactile_ros.types import Outline
 
@@ -26,16 +24,9 @@ def test_inside_a_square_with_a_hole() -> None:
     points = np.array([[1.5, 0], [0, 0], [3, 0], [0, -1.5], [0.5, 0.9]])
     assert inside([SQUARE], points).tolist() == [True, True, False, True, True]
     assert inside([SQUARE, HOLE], points).tolist() == [True, False, False, True, False]
-
-
-def test_a_triangle_and_a_turned_square() -> None:
-    triangle = np.array([[0, 0], [1, 0], [0, 1.0]])
-    points = np.random.default_rng(0).uniform(-0.5, 1.5, (500, 2))
+    triangle, points = np.eye(3)[:, :2], np.random.default_rng(0).uniform(-0.5, 1.5, (500, 2))
     wanted = (points > 0).all(axis=1) & (points.sum(axis=1) < 1)
     np.testing.assert_array_equal(inside([triangle], points), wanted)
-    diamond = np.array([[1, 0], [0, 1], [-1, 0], [0, -1.0]])
-    wanted = np.abs(points).sum(axis=1) < 1
-    np.testing.assert_array_equal(inside([diamond], points), wanted)
 
 
 def test_a_tube_sinks_in_by_what_its_circle_lies_below_its_chord() -> None:
@@ -45,12 +36,6 @@ def test_a_tube_sinks_in_by_what_its_circle_lies_below_its_chord() -> None:
     depth = np.sqrt(64 - np.array([0, 4, 16, 16.0])) - np.sqrt(48)
     np.testing.assert_allclose(found, depth / depth[0], atol=1e-12)
     assert part_pressure(tube, np.array([[0.0, 30e-3], [-9e-3, -9e-3]])).tolist() == [1.0, 0.0]
-
-
-def test_a_washer_presses_between_its_radii() -> None:
-    points = 1e-3 * np.array([[0, 0], [7, 0], [0, -9], [10, 0.0]])
-    found = part_pressure(washer('washer', 9.5e-3, 5e-3), points)
-    assert found.tolist() == [0.0, 1.0, 1.0, 0.0]
 
 
 def test_parts_of_a_text() -> None:
@@ -104,7 +89,8 @@ def test_area_law_is_the_step_response_with_the_area_for_the_time() -> None:
     area = np.linspace(0, 120e-6, 13)
     fading = (td / t1 + t1 / ti - 1.0) * np.exp(-area / t1)
     wanted = gain * (1.0 + (area - t1) / ti + fading)
-    np.testing.assert_allclose(area_current(area, law), wanted, rtol=1e-12)
+    found = area_share(area[:, None], area[-1:], law)[:, 0]
+    np.testing.assert_allclose(found, np.maximum(wanted / wanted[-1], 0.05), rtol=1e-12)
     share = area_share(np.linspace(0, 110e-6, 20)[:, None], np.array([110e-6]), law)[:, 0]
     assert (np.diff(share) > 0).all()
     assert share[-1] == 1.0

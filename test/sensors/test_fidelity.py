@@ -22,7 +22,6 @@ from tactile_ros.sensors.magnet_pad import body_model
 from tactile_ros.sensors.magnet_pad import body_model as pad
 from tactile_ros.sensors.magnet_pad.body_model import NOISE, movement
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-from tactile_ros.sensors.magnet_pad.inversion import PadInversion
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
 
 DISC, PAD, SKIN = GradiometerConfig(), MagnetPadConfig(), MultipoleSkinConfig()
@@ -45,80 +44,23 @@ def test_the_table_of_an_inversion_holds_in_states_that_were_not_tried(
     assert rate(model, truth, states, np.array(noise)).share < 1.5 * SHARE
 
 
-def test_more_noise_needs_a_smaller_table() -> None:
-    sizes = [gradiometer.field_model(DISC, noise).chosen.numbers for noise in (1e-4, 1e-5, 1e-6)]
-    assert sizes == sorted(sizes)
-    assert sizes[0] < sizes[2]
-
-
-def test_all_models_are_measured_where_that_is_asked_for() -> None:
-    choice, models = gradiometer.every_model(DISC, 3e-6)
-    assert len(choice.rated) == len(models)
-    assert {rated.name for rated in choice.rated} == {model.name for model in models}
-    assert 'cubic' in choice.name
-
-
 def test_terms_of_the_gradiometer_pay_and_cost() -> None:
     stray, warm, tilt = gradiometer.terms(DISC, 3e-6, 20)
     assert stray.unknowns == 2
-    assert stray.pays
     assert 1.0 < stray.cost < 2.0
-    assert warm.pays
-    assert tilt.pays
+    assert all(term.within < term.without for term in (stray, warm, tilt))
     calm = gradiometer.terms(DISC, 1e-2, 20)[0]
-    assert not calm.pays  # at 10 mT of noise 1 mT is no matter
-
-
-def carried(spread: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    rng = np.random.default_rng(seed)
-    return spread * rng.normal(size=(100, 3, 3)), 0.1 * rng.normal(size=(100, 3, 3))
+    assert calm.within > calm.without  # at 10 mT of noise 1 mT is no matter
 
 
 def test_a_pad_takes_more_dipoles_when_it_hears_more() -> None:
-    moved, turned = carried(3e-4)
-    found = [pad.block_model(PAD, n, moved, turned).chosen for n in (1e-3, 3e-5, 1e-7)]
+    touches, fresh = pad.scene_touches(PAD, 60), pad.scene_touches(PAD, 200)[68:]
+    found = [pad.field_choice(PAD, touches, n).chosen for n in (1e-3, 3e-5, 1e-7)]
     assert [rated.size for rated in found] == [(1,), (2,), (EXACT,)]
     assert [rated.operations for rated in found] == sorted(rated.operations for rated in found)
-    choice = pad.block_model(PAD, 4e-6, moved, turned)
-    fresh = np.stack(carried(3e-4, 1), axis=1).reshape(100, -1)
-    truth = pad.block_field(PAD, 0).readings(fresh)
-    model = pad.block_field(PAD, choice.size[0])
-    assert rate(model, truth, fresh, np.array(4e-6)).share < 1.5 * SHARE
-
-
-def test_the_sheet_at_rest_may_need_its_closed_form() -> None:
-    choice, models = skin.rest_model(SKIN, 4e-6)
-    assert choice.name == 'exact bands'
-    rough, _ = skin.rest_model(SKIN, 1e-2)
-    assert rough.name == '1 harmonics'
-    plain, _ = skin.rest_model(replace(SKIN, magnetisation='M1'), 4e-6)
-    assert not any('harmonics' in rated.name for rated in plain.rated)
-    assert len(models) == len(choice.rated)
-
-
-def test_a_half_space_and_springs_have_the_wrong_sign() -> None:
-    states = skin.pressed_states(3)
-    pictures = {
-        law: skin.pressed_model(SKIN, 2.5e-3, law).readings(states).reshape(-1)
-        for law in ('bonded', 'even', 'half-space', 'springs')
-    }
-    sizes = {law: np.linalg.norm(p) for law, p in pictures.items()}
-    like = {
-        law: p @ pictures['bonded'] / (sizes[law] * sizes['bonded']) for law, p in pictures.items()
-    }
-    assert like['even'] > 0.95
-    assert like['half-space'] < 0.1
-    assert like['springs'] < -0.2
-
-
-def test_in_a_bonded_layer_magnets_move_more_sideways_than_down() -> None:
-    pressed = skin.PressedSheet(SKIN, 1.25e-3)
-    moved = pressed.movement(0.0, 0.0, skin.DEEPEST)
-    at = np.hypot(*pressed.places[:, :2].T)
-    outward = (moved[:, :2] * pressed.places[:, :2]).sum(axis=1) / np.maximum(at, 1e-9)
-    edge = np.abs(at - skin.RADIUS) < 1.5e-3
-    assert outward[edge].mean() > 0.2 * skin.DEEPEST
-    assert (outward[edge] > 0).all()
+    states = np.stack(movement(PAD, fresh), axis=1).reshape(len(fresh), -1)
+    truth, model = (pad.block_field(PAD, n) for n in (EXACT, found[1].size[0]))
+    assert rate(model, truth.readings(states), states, np.array(3e-5)).share < 1.5 * SHARE
 
 
 def test_some_carpet_under_exact_mechanics_is_below_a_third_of_the_noise() -> None:
@@ -132,22 +74,8 @@ def test_some_carpet_under_exact_mechanics_is_below_a_third_of_the_noise() -> No
     assert error['2.5 mm with 2 x 2 points, bonded layer'] < 0.5 * error['2.5 mm, bonded layer']
 
 
-def test_the_twin_of_the_gradiometer_reads_as_its_disc_does() -> None:
-    module = import_module('tactile_ros.sensors.gradiometer.twin')
-    recording = module.presses(DISC, 3, 8, noise=0.0)
-    rows = [0, int(recording.truth['force'][:, 2].argmax())]
-    stiffness = np.array([0.2 * 3.5 / 1.1e-3, 0.2 * 3.5 / 1.1e-3, 3.5 / 1.5e-3])
-    for row in rows:
-        place = np.array([0, 0, 3e-3]) - recording.truth['force'][row] / stiffness
-        magnet = magpylib.magnet.Cylinder(
-            dimension=(2e-3, 1e-3), polarization=(0, 0, 1.4), position=place
-        )
-        error = recording.values[row] - magnet.getB(DISC.positions)[:, [0, 2]]
-        assert np.abs(error).max() < module.NOISE / 3
-
-
 @pytest.mark.parametrize(
-    ('gap', 'name'), [(20e-3, 'dipole'), (2.5e-3, 'cubic'), (0.8e-3, 'exact')]
+    ('gap', 'name'), [(20e-3, '13 x 9'), (2.5e-3, 'cubic'), (0.8e-3, 'exact')]
 )
 def test_a_twin_takes_what_its_gap_needs(gap: float, name: str) -> None:
     module = import_module('tactile_ros.sensors.gradiometer.twin')
@@ -198,14 +126,7 @@ def test_the_body_of_the_pads_twin_is_linear_in_the_load() -> None:
 def test_terms_of_the_pad_pay() -> None:
     stray, warm = body_model.terms(PAD, 4e-6, 30)
     assert stray.unknowns == 3
-    assert stray.pays
     assert stray.buys > 10
     assert 1.0 < warm.cost < 1.5
-    assert not body_model.terms(PAD, 4e-3, 30)[1].pays
-
-
-@pytest.mark.parametrize('asked', [True, False])
-def test_a_pad_may_do_without_the_stray_term(asked: bool) -> None:
-    config = replace(PAD, stray_term=asked)
-    inversion = PadInversion(config, np.ones(6, bool), 4e-6)
-    assert (inversion.common is not None) == asked
+    calm = body_model.terms(PAD, 4e-3, 30)[1]
+    assert calm.within > calm.without

@@ -6,7 +6,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -15,12 +14,8 @@ from reference import gradiometer_world as made
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.gradiometer import disc_model
-from tactile_ros.sensors.gradiometer.estimation import MOST_MARGIN, clipped_rows
 from tactile_ros.sensors.gradiometer.temperature import Thermometer
 from tactile_ros.types import Frame, FrameStatus, Recording, Signals
-
-if TYPE_CHECKING:
-    pass
 
 SENSOR = load_sensor('gradiometer')
 SEED = 31
@@ -243,7 +238,7 @@ def test_an_oven_that_begins_to_heat_is_no_noise_of_the_thermometer() -> None:
 
 def test_magnets_at_14_mm_are_flagged_and_covered() -> None:
     inside, flagged = [], []
-    for k in range(60):
+    for k in range(30):
         seed = SEEDS[k % len(SEEDS)]
         near = world(seed).record(5, 200 + k, made.Scene(magnet=14e-3))
         error, sigma = errors(fitted(seed), near)
@@ -283,8 +278,10 @@ def test_gains_come_from_fields_since_the_tare_although_the_baseline_follows_the
     assert (error < 5e-3 * config.full_scale).all()
 
 
-@pytest.mark.parametrize('estimator', ['inversion', 'polynomial'])
-@pytest.mark.parametrize(('limit', 'common'), [(70e-3, 60e-3), (15e-3, 0.0)])
+@pytest.mark.parametrize(
+    ('limit', 'common', 'estimator'),
+    [(70e-3, 60e-3, 'inversion'), (15e-3, 0.0, 'polynomial')],
+)
 def test_case_3_clipped_pixels_look_clean_and_are_flagged_before_the_mean(
     limit: float, common: float, estimator: str
 ) -> None:
@@ -363,9 +360,8 @@ def test_a_design_trades_range_for_noise() -> None:
         module.tables(SENSOR.config(), parser.parse_args(['--stray', '-1']))
 
 
-@pytest.mark.parametrize('count', [5, 12])
-def test_sigmas_of_few_presses_after_a_long_rest_are_those_of_presses(count: int) -> None:
-    few = SENSOR.pipeline(world().config).fit(world().record(count, 8))
+def test_sigmas_of_few_presses_after_a_long_rest_are_those_of_presses() -> None:
+    few = SENSOR.pipeline(world().config).fit(world().record(5, 8))
     error, sigma = errors(few, world().record(300, 2))
     assert (np.abs(error) < 2 * sigma).mean() > 0.7
 
@@ -418,28 +414,25 @@ def test_without_the_stray_term_force_is_surer_and_wrong_in_a_field() -> None:
     assert wrong > 5 * np.median(np.abs(errors(fitted(), outside)[0]))
 
 
-def test_the_margin_below_the_range_follows_from_the_noise() -> None:
-    config, noise = SENSOR.config(), 3e-6
-    limit = float(np.max(config.saturation))
-    below = np.array([0.0, 3.0, 5.0]) * noise
-    values = np.zeros((6, 4, 2))
-    values[:3, 2, 1], values[3:, 0, 0] = limit - below, below - limit
-    signals = signals_of(values, None, None)
-    assert clipped_rows(signals, config, noise).tolist() == 2 * [True, True, False]
-    # however noisy, no more than a hundredth of the range is given up
-    values[:3, 2, 1] = limit * (1 - MOST_MARGIN * np.array([0.5, 0.99, 1.01]))
-    assert clipped_rows(signals, config, 1.0).tolist()[:3] == [True, True, False]
-    bare = dataclasses.replace(config, saturation=None)
-    assert not clipped_rows(signals, bare, noise).any()
-
-
 @pytest.mark.parametrize('estimator', ['polynomial', 'ridge'])
-def test_other_estimators_are_chosen_by_name(estimator: str) -> None:
-    pipeline = SENSOR.pipeline(world().config, estimator).fit(world().record(300, 1))
+def test_other_estimators_are_chosen_by_name_and_err_more(estimator: str) -> None:
+    pipeline = SENSOR.pipeline(world().config, estimator).fit(world().record(1000, 1))
     assert set(pipeline.estimators.values()) == {estimator}
     error, sigma = errors(pipeline, world().record(300, 2))
     assert (rms(error) < 0.1).all()
     assert (np.abs(error) < 2 * sigma).mean() > 0.85
+    assert set(fitted().estimators.values()) == {'inversion'}
+    assert (rms(errors(fitted(), world().record(300, 2))[0]) < 0.2 * rms(error)).all()
+
+
+def test_difference_basis_sees_no_uniform_field() -> None:
+    """Hard case 2: told of the gains, no combination that is left sees the field."""
+    response = np.random.default_rng(0).normal(size=(8, 2))
+    slope = np.zeros((8, disc_model.STATES))
+    slope[:, [disc_model.UNIFORM, disc_model.UNIFORM + 2]] = response
+    found = disc_model.difference_basis(slope, np.array([True, False, True]))
+    np.testing.assert_allclose(found.T @ found, np.eye(6), atol=1e-12)
+    assert np.abs(found.T @ response).max() < 1e-12
 
 
 def test_touches_lighter_than_the_threshold_are_in_the_covariance() -> None:

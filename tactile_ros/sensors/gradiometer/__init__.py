@@ -2,20 +2,17 @@
 """A disc magnet over four two-axis pixels that feels force in any stray field: paper [3].
 
 A disc in an elastomer moves with the force on it; four pixels within 2 mm see Bx and Bz of it. A
-stray field is the same at all four, so that what is left after removing the mean is the disc's
-alone. [3] corrects the Hall sensitivity for temperature, removes means, adds norms and all
-products of second order (91 features), and fits three forces and two torques by Huber loss with an
-L1 penalty. Here a model of the disc's field is inverted for its place, and force is a polynomial
-of that; the chain of [3] is the floor on held-out groups, and can be chosen.
-
-Source: [3] on a magnetic force sensor with gradiometric pixels, immune to stray fields.
+stray field is the same at all four. [3] corrects the Hall sensitivity for temperature, removes
+means, adds norms and all products of second order (91 features), and fits three forces and two
+torques. Here a model of the disc's field is inverted for its place, and force is a polynomial of
+that; the chain of [3] is the floor on held-out groups, and can be chosen.
 """
 
 from __future__ import annotations
 
 from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.model_inversion import Calibration
-from tactile_ros.estimators.polynomial_force import PolynomialForce, WarmChain
+from tactile_ros.estimators.polynomial_force import PolynomialForce, ThermalPolynomial
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig, layout
 from tactile_ros.sensors.gradiometer.estimation import ESTIMATORS, GradiometerEstimation
 from tactile_ros.sensors.gradiometer.temperature import Thermometer
@@ -29,7 +26,8 @@ from tactile_ros.sensors.registry import SensorSpec
 from tactile_ros.sensors.regression import CLASSES
 
 OWN = (
-    GradiometerEstimation, Thermometer, Calibration, CovarianceModel, PolynomialForce, WarmChain,
+    GradiometerEstimation, Thermometer, Calibration, CovarianceModel, PolynomialForce,
+    ThermalPolynomial,
 )  # fmt: skip
 
 SENSOR = SensorSpec(

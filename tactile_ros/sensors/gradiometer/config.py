@@ -22,29 +22,7 @@ PIXELS = 1e-3 * np.array([[-1, -1, 0], [1, -1, 0], [-1, 1, 0], [1, 1, 0]], float
 
 @dataclass(frozen=True)
 class GradiometerConfig:
-    """A disc magnet in an elastomer over pixels of two axes; lengths in m, origin mid-pixels.
-
-    Attributes
-    ----------
-    positions, rotations : ndarray, shape (t, 3) and (t, 3, 3) or None
-        Pixels; chip axes to sensor axes.
-    saturation, noise : float, ndarray of shape (2,), or None
-        Range of the pixels and noise of a channel (T).
-    rate_hz, track_baseline : float, bool
-        Frames per second; whether slow drift at rest is followed.
-    gap, disc_diameter, disc_height, remanence : float
-        Pixels to the disc's near face at rest; the disc (m, T).
-    sensitivity : ndarray, shape (3,)
-        p0, p1, p2: raw = true (p0 + p1 dT + p2 dT^2), dT = T - 35 C.
-    full_scale : float
-        Of every component of force (N).
-    thermal_lag : float
-        Time constant with which the disc follows the chip's temperature (s); 0: told by the
-        recordings of a fit.
-    stray_term, thermal_term : bool
-        Whether fields from outside, and the disc's temperature, are unknowns. Without the first
-        force is told more precisely, and wrongly near magnets; docs/fidelity.md has figures.
-    """
+    """A disc magnet in an elastomer over pixels of two axes; lengths in m, origin mid-pixels."""
 
     positions: Array = array(PIXELS, 'pixels', 'm', (-1, 3))
     rotations: Array | None = maybe_array('chip to sensor axes; empty: aligned', '1', ('t', 3, 3))
@@ -56,6 +34,7 @@ class GradiometerConfig:
     disc_diameter: float = number(2e-3, 'diameter of the disc', 'm', 1e-5, 0.1)
     disc_height: float = number(1e-3, 'height of the disc', 'm', 1e-5, 0.1)
     remanence: float = number(1.4, 'of the disc', 'T', 1e-6, 2.0)
+    # p0, p1, p2: raw = true (p0 + p1 dT + p2 dT^2), dT = T - 35 C
     sensitivity: Array = array((1.0, -0.005, 0.0), 'Hall sensitivity over dT', '1', (3,), -2, 2)
     full_scale: float = number(3.5, 'of every component of force', 'N', 1e-6, 1e6)
     stray_term: bool = switch(True, 'fields from outside are unknown; false: there are none')

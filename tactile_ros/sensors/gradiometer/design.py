@@ -39,13 +39,7 @@ MILLI = 1e3
 
 @dataclass(frozen=True)
 class Figures:
-    """Figures of merit of a design.
-
-    Attributes
-    ----------
-    strongest_mt : float
-        Uniform field along z that clips no pixel up to full scale (mT); negative: it clips.
-    """
+    """Figures of merit of a design."""
 
     full_n: float  # force that sinks the disc by 0.6 of the gap (N)
     # noise of one sample along z at rest and at half load, and along x at rest (mN)
@@ -53,7 +47,7 @@ class Figures:
     load_mn: float
     side_mn: float
     leak_percent: float  # worst force from the stray field, at rest (% of full scale)
-    strongest_mt: float
+    strongest_mt: float  # uniform field along z that clips no pixel up to full scale; < 0: clips
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -151,7 +145,7 @@ def figures(
     states[:, 2] = np.array([0.0, -SINKS / 2, -SINKS]) * gap / disc_model.MM
     field, slopes = disc_model.readings_of(model, model.parameters, states)
     measured = np.abs(disc_model.chip_axes(config)[:, :, [0, 2]]).max(axis=(0, 2)) > 0
-    differences = disc_model.beside_uniform(slopes[0], measured)
+    differences = disc_model.difference_basis(slopes[0], measured)
     noise = NOISE if config.noise is None else float(np.max(config.noise))
     # slopes are in mT / mm, which is T / m
     unit = np.array([_unit(slope[:, :3], differences) for slope in slopes]) * stiffness

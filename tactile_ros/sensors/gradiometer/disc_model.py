@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.estimators.model_inversion import ModelPrior
-from tactile_ros.physics import field_table
 from tactile_ros.physics.compiled import compiled
+from tactile_ros.physics.field_table import SHAPE, disc_table, reach_under, table_point
 from tactile_ros.physics.magnetics import dipole_field
 from tactile_ros.physics.temperature import CALIBRATED_AT, EXPANSION, REMANENCE_SLOPE
 
@@ -61,51 +61,8 @@ ROUND, UNEVEN, WRONG, SMOOTH = 3.0, 1.0, 0.05, 0.6
 ANY = 1e3
 LEAST_NOISE = 1e-4  # of references, over the spread of what they say
 FIELD_LEAST = 1e-8  # mT2, of patterns of a magnet
+NEAR_DISTANCE, NEAR_DRAWN = (10e-3, 20e-3), 400  # m; dipoles of which patterns are
 TILT_OFF, CROSSED_FIELD, LABEL_OFF = 1e-3, 1.0, 2e-3
-
-
-@compiled
-def lagrange(u: float) -> tuple[float, ...]:
-    """Weights of four nodes at -1, 0, 1, 2, and their slopes."""
-    a, b, c = u + 1, u - 1, u - 2
-    return (
-        -u * b * c / 6,
-        a * b * c / 2,
-        -a * u * c / 2,
-        a * u * b / 6,
-        -(b * c + u * c + u * b) / 6,
-        (b * c + a * c + a * b) / 2,
-        -(u * c + a * c + a * u) / 2,
-        (u * b + a * b + a * u) / 6,
-    )
-
-
-@compiled
-def table_point(
-    x: float, y: float, z: float, table: Array, grid: Array
-) -> tuple[float, float, float, float, float, float]:
-    """Radial field over distance and axial field; their slopes over the distance, and depth."""
-    p, q = (x * x + y * y) / grid[0] + 1, (-z - grid[1]) / grid[2]
-    i = min(max(math.floor(p) - 1, 0), table.shape[0] - 4)
-    j = min(max(math.floor(q) - 1, 0), table.shape[1] - 4)
-    wi, wj = lagrange(p - i - 1), lagrange(q - j - 1)
-    f = g = fs = gs = fz = gz = 0.0
-    for a in range(4):
-        rf = rg = tf = tg = 0.0
-        for b in range(4):
-            near, far = table[i + a, j + b, 0], table[i + a, j + b, 1]
-            rf += near * wj[b]
-            rg += far * wj[b]
-            tf += near * wj[b + 4]
-            tg += far * wj[b + 4]
-        f += rf * wi[a]
-        g += rg * wi[a]
-        fs += rf * wi[a + 4]
-        gs += rg * wi[a + 4]
-        fz += tf * wi[a]
-        gz += tg * wi[a]
-    fs, gs = fs * (2 / grid[0]), gs * (2 / grid[0])
-    return f, g, fs, gs, fz / -grid[2], gz / -grid[2]
 
 
 @compiled
@@ -328,30 +285,6 @@ def disc_answers(
             by_parameter[f, base + BEND - SHARED] = out[f] * x[MAGNET] ** 2 / soft
 
 
-@compiled
-def best_starts(readings: Array, table: Array, projection: Array, best: Integers) -> None:
-    """Index (s, q) of the rows of a table (g, d) nearest to readings (s, m) projected (m, d)."""
-    count, width = best.shape[1], projection.shape[1]
-    part, near = np.empty(width), np.empty(count)
-    for s in range(readings.shape[0]):
-        part[:] = 0.0
-        for m in range(readings.shape[1]):
-            if np.isfinite(readings[s, m]):
-                for d in range(width):
-                    part[d] += readings[s, m] * projection[m, d]
-        near[:], best[s] = np.inf, 0
-        for g in range(table.shape[0]):
-            total = 0.0
-            for d in range(width):
-                total += (part[d] - table[g, d]) ** 2
-            k = count - 1
-            if total < near[k]:
-                while k > 0 and total < near[k - 1]:
-                    near[k], best[s, k] = near[k - 1], best[s, k - 1]
-                    k -= 1
-                near[k], best[s, k] = total, g
-
-
 def readings_of(model: ModelPrior, parameters: Array, states: Array) -> tuple[Array, Array]:
     """Readings (s, 2 t) (mT) of states (s, 19) and their slopes (s, 2 t, 19)."""
     count = len(model.noise)
@@ -362,7 +295,7 @@ def readings_of(model: ModelPrior, parameters: Array, states: Array) -> tuple[Ar
     return read, slopes
 
 
-def beside_uniform(slope: Array, measured: Bools) -> Array:
+def difference_basis(slope: Array, measured: Bools) -> Array:
     """Projection (n, m), orthonormal, that no uniform field of slopes (n, 19) passes."""
     uniform = slope[:, UNIFORM:MAGNET][:, measured]
     left, size, _ = np.linalg.svd(np.eye(len(slope)) - uniform @ np.linalg.pinv(uniform))
@@ -375,18 +308,21 @@ def chip_axes(config: GradiometerConfig) -> Array:
     return np.tile(np.eye(3), (count, 1, 1)) if config.rotations is None else config.rotations
 
 
+def near_fields(pixels: Array, count: int, rng: np.random.Generator) -> Array:
+    """Fields (s, t, 3) (T) at pixels (t, 3) (m) of dipoles of 1 A m2, 10 to 20 mm away."""
+    way = rng.normal(size=(2, count, 3))
+    way /= np.linalg.norm(way, axis=2, keepdims=True)
+    place = pixels.mean(axis=0) + way[0] * rng.uniform(*NEAR_DISTANCE, (count, 1))
+    points = np.broadcast_to(pixels, (count, *pixels.shape))
+    return dipole_field(points, place[:, None], way[1][:, None])
+
+
 def near_patterns(pixels: Array, axes: Array) -> Array:
-    """Readings (2 t, 6) (mT) beside uniform ones of dipoles 10 to 20 mm away, by their size.
+    """Readings (2 t, 6) (mT) beside uniform ones of dipoles nearby, by their size.
 
     `pixels` (t, 3) (m), `axes` (2 t, 3) of channels.
     """
-    rng = np.random.default_rng(0)
-    way = rng.normal(size=(2, 400, 3))
-    way /= np.linalg.norm(way, axis=2, keepdims=True)
-    place = pixels.mean(axis=0) + way[0] * rng.uniform(10e-3, 20e-3, (400, 1))
-    field = dipole_field(
-        np.broadcast_to(pixels, (400, *pixels.shape)), place[:, None], way[1][:, None]
-    )
+    field = near_fields(pixels, NEAR_DRAWN, np.random.default_rng(0))
     field = field / np.linalg.norm(field.mean(axis=1), axis=1)[:, None, None]
     read = np.einsum('mi,smi->sm', axes, np.repeat(field, 2, axis=1))
     uniform = np.linalg.qr(axes[:, [i for i in range(3) if (axes[:, i] != 0).any()]])[0]
@@ -401,8 +337,8 @@ def near_patterns(pixels: Array, axes: Array) -> Array:
 def terms_of(answers: Answers, scales: Array) -> tuple[Array, Array, Integers]:
     """Terms (t, 7) of answers of scales (l,), and sizes and kinds (k,) of their coefficients.
 
-    The elastomer is round: force along x is x, and along y is y, times the same function of depth
-    and radius; torques are across. What is not round about it is of a low degree, and small where
+    The elastomer is round: force along x is x times a function of depth and radius, along y is y
+    times the same, and torques are across. What is not round is of a low degree, and small where
     it is not alike on both sides: force along x is odd in x and even in y, and so on.
     """
     along = ((1, 0), (0, 1), (0, 0))
@@ -435,18 +371,14 @@ def terms_of(answers: Answers, scales: Array) -> tuple[Array, Array, Integers]:
 def disc_prior(
     config: GradiometerConfig, answers: Answers, scales: Array, unit: float, usual_c: float, *,
     tared: bool,
-    shape: tuple[int, int] = (field_table.ROWS, field_table.COLUMNS),
+    shape: tuple[int, int] = SHAPE,
 ) -> ModelPrior:  # fmt: skip
     """Model of a config with its priors: how far specimens differ.
 
     Parameters
     ----------
-    config : GradiometerConfig
-        Geometry and materials.
-    answers : list of (str, int)
-        Name and component of what is answered, loads first.
-    scales : ndarray, shape (l,)
-        Size of each answer.
+    answers, scales : list of (str, int), and ndarray, shape (l,)
+        Name and component of what is answered, loads first; size of each.
     unit : float
         Length over which places are scaled (mm).
     usual_c : float
@@ -459,10 +391,8 @@ def disc_prior(
     pixels, count, axes = config.positions, len(config.positions), chip_axes(config)
     gap, channels, base = config.gap / MM, 2 * count, PER_PIXEL * count
     terms, sizes, _ = terms_of(answers, scales)
-    reach = field_table.reach_under(pixels, config.gap, config.disc_height)
-    table, grid = field_table.disc_table(
-        config.disc_diameter, config.disc_height, reach, shape
-    )
+    reach = reach_under(pixels, config.gap, config.disc_height)
+    table, grid = disc_table(config.disc_diameter, config.disc_height, reach, shape)
     measured = axes[:, :, [0, 2]].transpose(0, 2, 1).reshape(-1, 3)
     warm = bool(np.isfinite(usual_c))
     p0, p1, p2 = config.sensitivity

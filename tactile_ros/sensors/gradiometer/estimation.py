@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.optimize import minimize_scalar
+from scipy.spatial import cKDTree
 from scipy.stats import chi2
 
 import tactile_ros.sensors.gradiometer.disc_model as disc
@@ -25,23 +26,23 @@ from tactile_ros.conditioning.baseline import training_baseline_variance
 from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.evidence import Influence, learn_noise
 from tactile_ros.estimators.model_inversion import (
-    FIXED,
     Calibration,
     Frames,
     ModelPrior,
     calibrate,
     invert,
 )
-from tactile_ros.estimators.polynomial_force import PolynomialForce, WarmChain
+from tactile_ros.estimators.polynomial_force import PolynomialForce, ThermalPolynomial
 from tactile_ros.estimators.regression import Ridge, group_folds
-from tactile_ros.physics.field_table import COLUMNS, ROWS
-from tactile_ros.physics.magnetics import dipole_field
+from tactile_ros.physics.field_table import SHAPE
 from tactile_ros.physics.temperature import REMANENCE_SLOPE, hall_sensitivity
 from tactile_ros.sensors.gradiometer.temperature import Thermometer, mean_of
 from tactile_ros.sensors.gradiometer.twin import LEAST_NOISE, field_model, terms
 from tactile_ros.types import Array, Estimation, FrameStatus
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from tactile_ros.estimators.model_inversion import Posterior
     from tactile_ros.sensors.gradiometer.config import GradiometerConfig
     from tactile_ros.types import Bools, Columns, Estimator, Integers, Report, Signals
@@ -60,7 +61,7 @@ CLEARLY = 10.0  # cost by which a lag must explain more than none
 RESTS = 5e-5  # mm, within which a resting disc rests
 CHANCE = 1e-4  # of flagging a frame that is beside no magnet
 SURELY, TOUCH = 5.7, 1e-3  # sigmas, and share of full scale, of a load that is one
-NEAR_ROWS, NEAR_DISTANCE, NEAR_MOMENT = 300, (10e-3, 20e-3), (-3.0, -1.0)  # m, decades of A m2
+NEAR_ROWS, NEAR_MOMENT = 300, (-3.0, -1.0)  # decades of A m2
 TWO_SIGMA = 0.9545
 FARTHEST = 2.0  # times the largest that can be
 SCENES = 30  # states of the scene, over which terms are weighed
@@ -73,20 +74,9 @@ class GradiometerEstimation(Estimation):
 
     Parameters
     ----------
-    config : GradiometerConfig
-        Geometry and materials: where a fit starts.
-    estimator : str or None
-        One of `ESTIMATORS`; None: the inversion, or the chain of [3] where that errs less on
-        held-out groups.
-
-    Attributes
-    ----------
-    answers_ : list of list
-        Name and component of what is answered, loads first.
-    noise_ : float
-        Of a channel (T).
-    fit_ : Calibration
-        Parameters of the model; the prior's before a fit.
+    config : GradiometerConfig     Geometry and materials: where a fit starts. estimator : str or
+    None     One of `ESTIMATORS`; None: the inversion, or the chain of [3] where that errs less on
+    held-out     groups.
     """
 
     uses_temperature = True
@@ -96,7 +86,7 @@ class GradiometerEstimation(Estimation):
         self.estimator = estimator
         self.method_ = ''
         self.tared_ = True
-        self.shape_ = (ROWS, COLUMNS)
+        self.shape_ = SHAPE
         self.thermometer_ = Thermometer(config.thermal_lag)
         self.noise_ = NOISE if config.noise is None else float(np.max(config.noise))
         self.noise_ = self.noise_ if np.isfinite(self.noise_) and self.noise_ > 0 else NOISE
@@ -201,27 +191,24 @@ class GradiometerEstimation(Estimation):
             sigma[:, disc.UNIFORM : disc.MAGNET] = 0.0
         rows = slice(disc.MAGNET, disc.LABEL)
         prior[:, rows], sigma[:, rows] = self._temperatures(signals, memory)
-        noise = np.empty((count, len(self.model.noise)))
-        noise[:] = self.model.noise
+        noise = self.model.noise
         if self.tared_ and signals.baseline_variance is not None:
-            noise *= np.sqrt(1 + signals.baseline_variance)[:, None]
-        information = 1 / np.maximum(sigma, FIXED) ** 2
-        free = np.flatnonzero(np.add.reduce(sigma, axis=0))
-        return Frames(change.reshape(count, -1) / disc.MT, prior, information, noise, free)
+            noise = noise * np.sqrt(1 + signals.baseline_variance)[:, None]
+        return self.model.frames(change.reshape(count, -1) / disc.MT, prior, sigma, noise)
 
     @cached_property
-    def _starts(self) -> tuple[Array, Array, Array]:
-        """States (g, 19) where descents may start, what they read, and its projection."""
+    def _starts(self) -> tuple[Array, cKDTree, Array]:
+        """States (g, 19) where descents may start, a tree of what they read, its projection."""
         model, gap = self.model, self.config.gap / disc.MM
         side, depth = np.linspace(-0.5, 0.5, 9) * gap, np.linspace(-0.75, 0.05, 9) * gap
         places = np.stack(np.meshgrid(side, side, depth, indexing='ij'), axis=-1).reshape(-1, 3)
         states = np.zeros((len(places), disc.STATES))
         states[:, :3] = places
         read, slopes = disc.readings_of(model, self.fit_.parameters, states)
-        ways = disc.beside_uniform(slopes[0], self.measured)
+        ways = disc.difference_basis(slopes[0], self.measured)
         if not self.config.stray_term or ways.shape[1] < 3:
             ways = np.eye(len(model.noise))
-        return states, np.ascontiguousarray(read @ ways), ways
+        return states, cKDTree(read @ ways), ways
 
     @cached_property
     def measured(self) -> Bools:
@@ -231,13 +218,14 @@ class GradiometerEstimation(Estimation):
 
     def invert(self, frames: Frames, count: int = 1) -> Posterior:
         """States and answers from the best of so many starts."""
-        states, table, ways = self._starts
-        best = np.zeros((len(frames.readings), count), np.int64)
-        disc.best_starts(frames.readings, table, ways, best)
-        starts = states[best]
+        states, tree, ways = self._starts
+        # a row at a time: the same bits alone and among others
+        known = np.where(np.isfinite(frames.readings), frames.readings, 0.0)
+        near = tree.query(np.matmul(known[:, None], ways)[:, 0], k=np.arange(1, count + 1))[1]
+        starts = states[near]
         fixed = slice(disc.TILT, None)
         starts[:, :, fixed] = frames.prior[:, None, fixed]
-        return invert(self.model, self.fit_, frames, starts, with_states=False)
+        return invert(self.model, self.fit_, frames, starts)
 
     def contact_from_sensor(self, signals: Signals) -> npt.NDArray[np.int8]:
         """Contact (s,); frames without times touch where the disc surely tells a load."""
@@ -248,8 +236,8 @@ class GradiometerEstimation(Estimation):
             rows &= ~signals.tare
         if signals.stamp_ns is not None or not self.answers_ or not np.count_nonzero(rows):
             return contact
-        frames = rows_of(self._frames(signals, self.start()), np.flatnonzero(rows))
-        found = invert(self.model, self.fit_, frames, frames.prior[:, None], with_states=False)
+        frames = self._frames(signals, self.start()).of(np.flatnonzero(rows))
+        found = invert(self.model, self.fit_, frames, frames.prior[:, None])
         sigma = np.sqrt(np.einsum('sii->si', found.answer_covariance))
         loads = np.array([name != 'position' for name, _ in self.answers_])
         felt = np.abs(found.answers) > np.maximum(SURELY * sigma, TOUCH * self.largest_)
@@ -261,14 +249,7 @@ class GradiometerEstimation(Estimation):
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn every target of which truth has a component.
 
-        Parameters
-        ----------
-        signals : Signals
-            Conditioned frames.
-        truth : dict of str to ndarray, shape (s, ...)
-            As in a Recording; `stray_field` at rest gives gains and crossed axes.
-        groups : dict of str to ndarray, shape (s,)
-            'group' and 'session'.
+        `stray_field` at rest gives gains and crossed axes; groups hold 'group' and 'session' (s,).
         """
         self.thermometer_ = Thermometer(self.config.thermal_lag).fit(signals)
         self.tared_ = bool(np.nan_to_num(signals.baseline[signals.good]).any())
@@ -343,13 +324,10 @@ class GradiometerEstimation(Estimation):
         self.widths_ = {'state': model.state_sigma.copy(), 'parameters': known}
         self.widths_['state'][disc.LABEL] = 0.0
         self.label_noise_ = model.answer_noise
-        share = 1 / (1 + np.square(tare / np.maximum(known, TINY)))
-        self._take(without_tare(fit, self.model, share))
+        self._take(fit.beyond(self.model, tare))
         errors, stated = (part[:touched] for part in influence.held_out(group))
         states = fit.states[:touched]
-        self._judge(
-            signals, f[:touched], rows[:touched], errors, stated, group[:touched], states
-        )
+        self._judge(signals, f[:touched], rows[:touched], errors, stated, group[:touched], states)
         if self.method_ == 'inversion' and self.config.stray_term:
             self._judge_magnets(self._frames(signals, self.start()), rows[:touched])
 
@@ -366,7 +344,7 @@ class GradiometerEstimation(Estimation):
         self, signals: Signals, stray: Array, rows: Integers, touched: int
     ) -> Frames:
         """Frames of a calibration: resting ones do not move, stray fields that are known hold."""
-        frames = rows_of(self._frames(signals, self.start()), rows)
+        frames = self._frames(signals, self.start()).of(rows)
         frames.information[:, disc.LABEL] = disc.LABEL_OFF**-2
         frames.information[touched:, : disc.UNIFORM] = RESTS**-2
         field, uniform = stray[rows] / disc.MT, slice(disc.UNIFORM, disc.MAGNET)
@@ -381,7 +359,7 @@ class GradiometerEstimation(Estimation):
     def _seeks_lag(self) -> bool:
         """True where streams show how the magnet lags behind the chip, which the config leaves."""
         asked = self.config.thermal_lag == 0 and self.config.thermal_term
-        return asked and self.thermometer_.warm and len(self.thermometer_.lags_) > 0
+        return asked and self.thermometer_.varies and len(self.thermometer_.lags_) > 0
 
     def _learn_lag(
         self, signals: Signals, model: ModelPrior, references: Array, fit: Calibration,
@@ -442,7 +420,7 @@ class GradiometerEstimation(Estimation):
     def _drivers(self, states: Array) -> Array:
         """Places (s, 3), and the magnet's temperature where the fit saw several."""
         place = states[:, : disc.TILT] / self.unit_
-        if self.thermometer_.warm:
+        if self.thermometer_.varies:
             return np.column_stack([place, states[:, disc.MAGNET] / self.thermometer_.spread_])
         return place
 
@@ -453,7 +431,7 @@ class GradiometerEstimation(Estimation):
         if self.tared_:
             usual = self._sensitivity(signals.rest_temperature_c)
             field = field - signals.baseline.reshape(count, -1) / usual + self.level_
-        if not self.thermometer_.warm:
+        if not self.thermometer_.varies:
             return field
         warm = self.thermometer_.follow(signals, self.start())[:, 2:3] / 25.0
         return np.concatenate([field, warm], axis=1)
@@ -461,7 +439,7 @@ class GradiometerEstimation(Estimation):
     def _regressor(self, name: str) -> Estimator:
         """A regressor of `_features`."""
         if name == 'polynomial':
-            return WarmChain(1) if self.thermometer_.warm else PolynomialForce()
+            return ThermalPolynomial() if self.thermometer_.varies else PolynomialForce()
         return Ridge()
 
     # -- magnets nearby ----------------------------------------------------------------------
@@ -469,19 +447,13 @@ class GradiometerEstimation(Estimation):
     def _judge_magnets(self, frames: Frames, rows: Integers) -> None:
         """Learn how far to trust what is answered beside magnets, on presses beside dipoles."""
         rng = np.random.default_rng(0)
-        part = rows_of(frames, rng.choice(rows, NEAR_ROWS))
+        part = frames.of(rng.choice(rows, NEAR_ROWS))
         clean = self.invert(part)
         opened = 3 + int(self.measured.sum())
         limit = chi2.ppf(1 - CHANCE, max(len(self.level_) - opened, 1))
         self.threshold_ = max(float(limit), 2 * float(np.quantile(clean.chi_square, 0.99)))
-        way = rng.normal(size=(2, NEAR_ROWS, 3))
-        way /= np.linalg.norm(way, axis=2, keepdims=True)
-        pixels = np.asarray(self.config.positions)
-        place = pixels.mean(axis=0) + way[0] * rng.uniform(*NEAR_DISTANCE, (NEAR_ROWS, 1))
-        moment = way[1] * 10 ** rng.uniform(*NEAR_MOMENT, (NEAR_ROWS, 1))
-        field = dipole_field(
-            np.broadcast_to(pixels, (NEAR_ROWS, *pixels.shape)), place[:, None], moment[:, None]
-        )
+        field = disc.near_fields(self.config.positions, NEAR_ROWS, rng)
+        field *= 10 ** rng.uniform(*NEAR_MOMENT, (NEAR_ROWS, 1, 1))
         axes = disc.chip_axes(self.config)[:, :, [0, 2]]
         read = np.einsum('tik,sti->stk', axes, field) / disc.MT
         beside = replace(part, readings=part.readings + read.reshape(NEAR_ROWS, -1))
@@ -489,12 +461,12 @@ class GradiometerEstimation(Estimation):
         near = np.flatnonzero(found.chi_square > self.threshold_)
         self.near_scale_ = np.ones(len(self.answers_))
         if len(near):
-            said = self._beside_magnet(rows_of(beside, near), found.states[near])
+            said = self._invert_disturbed(beside.of(near), found.states[near])
             error = np.abs(said.answers - clean.answers[near])
             sigma = np.sqrt(np.einsum('sii->si', said.answer_covariance))
             self.near_scale_ = np.nanquantile(error / sigma, TWO_SIGMA, axis=0) / 2
 
-    def _beside_magnet(self, frames: Frames, states: Array) -> Posterior:
+    def _invert_disturbed(self, frames: Frames, states: Array) -> Posterior:
         """Answers with patterns of a magnet nearby, whose size follows from what is left over."""
         model, fit = self.model, self.fit_
         opened = np.append(np.arange(3), disc.UNIFORM + np.flatnonzero(self.measured))
@@ -509,24 +481,14 @@ class GradiometerEstimation(Estimation):
             information[row, disc.NEAR :] = 1 / max(size, disc.FIELD_LEAST)
         free = np.union1d(frames.free, np.arange(disc.NEAR, disc.STATES))
         beside = replace(frames, information=information, free=free)
-        return invert(model, fit, beside, states[:, None], with_states=False)
+        return invert(model, fit, beside, states[:, None])
 
     # -- use ---------------------------------------------------------------------------------
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
-        """Targets, covariances, stray field and flags of every row.
+        """Targets, covariances, stray field and flags; NaN for what was never learned.
 
-        Parameters
-        ----------
-        signals : Signals
-            Conditioned frames.
-        memory : ndarray, shape (7,)
-            Of the stream; moves on.
-
-        Returns
-        -------
-        dict of str to ndarray, shape (s, ...)
-            NaN for components that were never learned.
+        The memory (7,) of the stream moves on.
         """
         status = clipped_rows(signals, self.config, self.noise_) * SATURATED
         if self.regressor_ is not None:
@@ -554,10 +516,10 @@ class GradiometerEstimation(Estimation):
         near = found.chi_square > self.threshold_
         if np.count_nonzero(near):
             rows = np.flatnonzero(near)
-            part = rows_of(frames, rows)
+            part = frames.of(rows)
             again = self.invert(part, MORE_STARTS)
             better = again.chi_square <= self.threshold_
-            beside = self._beside_magnet(part, again.states)
+            beside = self._invert_disturbed(part, again.states)
             for own, one, two in (
                 (answers, again.answers, beside.answers), (states, again.states, beside.states),
             ):  # fmt: skip
@@ -601,8 +563,7 @@ class GradiometerEstimation(Estimation):
         variance = np.einsum('sii->si', covariance)
         wrong = (variance > self.largest_**2) | ~(np.abs(answers) <= FARTHEST * self.largest_)
         lost = np.zeros_like(wrong)
-        for name in TARGETS:
-            own = np.array([one == name for one, _ in self.answers_])
+        for _, own, _ in self._components:
             lost[:, own] = (wrong[:, own].any(axis=1) & asked)[:, None]
         answers[lost] = np.nan
         rows, columns = np.nonzero(lost)
@@ -610,11 +571,16 @@ class GradiometerEstimation(Estimation):
         known['valid'] = ~(lost | ~np.isfinite(answers)).all(axis=1)
         return np.asarray(lost.any(axis=1))
 
+    @property
+    def _components(self) -> Iterator[tuple[str, Integers, Integers]]:
+        """Targets with the numbers of their answers, and the components that these are."""
+        for name in dict.fromkeys(str(one) for one, _ in self.answers_):
+            own = [i for i, (one, _) in enumerate(self.answers_) if one == name]
+            yield name, np.array(own), np.array([int(self.answers_[i][1]) for i in own])
+
     def _spell(self, known: Columns, answers: Array, covariance: Array) -> None:
         """Spread answers (s, l) over the targets' components, NaN where never learned."""
-        for name in dict.fromkeys(str(one) for one, _ in self.answers_):
-            own = np.array([i for i, (one, _) in enumerate(self.answers_) if one == name])
-            axes = np.array([int(self.answers_[i][1]) for i in own])
+        for name, own, axes in self._components:
             known[name] = np.full((len(answers), 3), np.nan)
             known[f'{name}_cov'] = np.full((len(answers), 3, 3), np.nan)
             known[name][:, axes] = answers[:, own]
@@ -626,9 +592,8 @@ class GradiometerEstimation(Estimation):
         self, f: Array, errors: Array, sigma: Array, group: Integers, shares: dict[str, float]
     ) -> None:
         """Errors on held-out groups, by target."""
-        for name in dict.fromkeys(str(one) for one, _ in self.answers_):
-            own = [i for i, (one, _) in enumerate(self.answers_) if one == name]
-            axes = ['xyz'[int(self.answers_[i][1])] for i in own]
+        for name, own, components in self._components:
+            axes = ['xyz'[axis] for axis in components]
             part, spread = errors[:, own], sigma[:, own]
             rows = np.isfinite(part).all(axis=1)
             part, spread = part[rows], spread[rows]
@@ -669,7 +634,7 @@ class GradiometerEstimation(Estimation):
                 said.append(f'force beyond {", ".join(loads)}; full scale is {full:.2g} N')
             if not np.isfinite([low, high]).all():
                 said.append('temperature: no chip told one')
-            elif self.thermometer_.warm:
+            elif self.thermometer_.varies:
                 said.append(f'temperatures beyond {low:.0f}..{high:.0f} C')
                 if self.thermometer_.lag_ == 0 and not len(self.thermometer_.lags_):
                     said.append(
@@ -684,14 +649,6 @@ class GradiometerEstimation(Estimation):
 
 SATURATED, STRAY_FIELD = np.int64(FrameStatus.SATURATED), np.int64(FrameStatus.STRAY_FIELD)
 OUT_OF_RANGE, ABSTAINED = np.int64(FrameStatus.OUT_OF_RANGE), np.int64(FrameStatus.ABSTAINED)
-
-
-def rows_of(frames: Frames, rows: Integers) -> Frames:
-    """Some of the frames."""
-    return replace(
-        frames, readings=frames.readings[rows], prior=frames.prior[rows],
-        information=frames.information[rows], noise=frames.noise[rows],
-    )  # fmt: skip
 
 
 def spread_rows(rows: Integers, most: int) -> Integers:
@@ -752,11 +709,3 @@ def at_rest(signals: Signals, truth: Columns) -> Bools:
     if 'in_contact' in truth:
         return np.asarray(np.asarray(truth['in_contact']) == 0)
     return np.asarray(free | (signals.in_contact == 0))
-
-
-def without_tare(fit: Calibration, prior: ModelPrior, share: Array) -> Calibration:
-    """Calibration for other tares: of its own tare's noise only shares (p,) of offsets stay."""
-    away = fit.parameters - prior.parameters
-    covariance = fit.covariance * np.outer(share, share)
-    covariance[np.diag_indices(len(share))] += (1 - share) * prior.parameter_sigma**2
-    return replace(fit, parameters=prior.parameters + share * away, covariance=covariance)

@@ -74,36 +74,21 @@ def follow_chip(
 
 
 class Thermometer:
-    """Behaviour of the chip temperatures of a recording.
+    """Behaviour of the chip temperatures of a recording."""
 
-    Attributes
-    ----------
-    usual_ : float
-        Mean temperature (degrees Celsius); NaN: none was measured.
-    span_ : ndarray, shape (2,)
-        Least and highest.
-    noise_ : float
-        Of the thermometer (K), where a stream shows it.
-    rate_, spread_ : float
-        Root mean square change in a second, and between any two frames (K).
-    lag_ : float
-        Time constant with which the magnet follows (s).
-    lags_ : ndarray, shape (m,)
-        Time constants of which streams are long enough to tell them from an offset (s).
-    """
-
-    usual_: float = float('nan')
-    noise_: float = 0.0
+    usual_: float = float('nan')  # mean (degrees Celsius); NaN: none was measured
+    noise_: float = 0.0  # of the thermometer (K), where a stream shows it
+    # root mean square change in a second, and between any two frames (K)
     rate_: float = 0.0
     spread_: float = 0.0
 
     def __init__(self, lag: float = 0.0) -> None:
-        self.lag_ = lag
-        self.span_ = np.array([-np.inf, np.inf])
-        self.lags_ = np.zeros(0)
+        self.lag_ = lag  # time constant with which the magnet follows (s)
+        self.span_ = np.array([-np.inf, np.inf])  # least and highest (degrees Celsius)
+        self.lags_ = np.zeros(0)  # that streams are long enough to tell from an offset (s)
 
     @property
-    def warm(self) -> bool:
+    def varies(self) -> bool:
         """True where temperatures differed."""
         return bool(self.span_[0] + LEAST_RANGE < self.span_[1] < np.inf)
 

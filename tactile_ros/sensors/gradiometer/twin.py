@@ -1,14 +1,11 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The gradiometer behind a microcontroller on a serial port, real or simulated.
 
-It is no model of [3] to estimate with: the disc's tilt, the elastomer's coupling and temperature
-are left out. Force moves the disc by force over stiffness, so that full scale is the
-depth (1.5 mm) and a fifth of it the radius (1.1 mm) to which [3] calibrated; the contact is on the
-elastomer's top, which gives the two torques.
-
-The scenes of [3] play in it: presses shear; a magnet passes by every 12 s, each time
-turned another way; from the twelfth second on the chip warms by 8 degrees and cools again, and the
-disc follows with a delay and loses remanence. Truth tells the stray field where it is uniform.
+Force moves the disc by force over stiffness, so that full scale is the depth (1.5 mm) and a fifth
+of it the radius (1.1 mm) to which [3] calibrated; the contact is on the elastomer's top, which
+gives the two torques. Presses shear; a magnet passes by every 12 s, each time turned another way;
+from the twelfth second on the chip warms by 8 degrees and cools again, and the disc follows with a
+delay and loses remanence. Truth tells the stray field where it is uniform.
 """
 
 from __future__ import annotations
@@ -21,15 +18,9 @@ import numpy as np
 from tactile_ros.devices.connections import FramedConnection
 from tactile_ros.devices.framed_protocol import gradiometer
 from tactile_ros.enrolment import Programme, Touches, growing_loads, recorded
-from tactile_ros.physics.fidelity import Choice, Model, Term, Worth, choose, region, worth
+from tactile_ros.physics.fidelity import Choice, Model, Term, TermGain, choose, region, term_gains
 from tactile_ros.physics.field_table import SHAPES, reach_under, table_disc_model, table_reach
-from tactile_ros.physics.magnetics import (
-    RINGS,
-    dipole_disc,
-    dipole_field,
-    exact_disc,
-    in_chip_axes,
-)
+from tactile_ros.physics.magnetics import dipole_field, exact_disc, in_chip_axes
 from tactile_ros.physics.temperature import (
     CALIBRATED_AT,
     EXPANSION,
@@ -71,46 +62,20 @@ def states_of(config: GradiometerConfig, count: int = COUNT, seed: int = 0) -> A
     return region(rest + low, rest + low * np.array([-1, -1, -RISES / SINKS, -1, -1]), count, seed)
 
 
-def tables(config: GradiometerConfig, degree: int = 3) -> list[Model]:
-    """Tables of growing shapes with linear or cubic interpolation."""
-    reach = reach_under(config.positions, config.gap, config.disc_height)
-    return [
-        table_disc_model(config.positions, disc_of(config), reach, shape, degree)
-        for shape in SHAPES
-    ]
-
-
 def field_model(config: GradiometerConfig, noise: float) -> Choice:
     """The smallest cubic table that an inversion needs at a noise (T); the finest, if none is."""
-    exact = exact_disc(config.positions, disc_of(config))
-    choice = choose(tables(config), exact, states_of(config), max(noise, LEAST_NOISE))
+    pixels, disc = config.positions, disc_of(config)
+    reach = reach_under(pixels, config.gap, config.disc_height)
+    tables = [table_disc_model(pixels, disc, reach, shape) for shape in SHAPES]
+    exact = exact_disc(pixels, disc)
+    choice = choose(tables, exact, states_of(config), max(noise, LEAST_NOISE))
     if choice.size:
         return choice
     finest = max(choice.rated, key=lambda rated: rated.numbers)
     return replace(choice, name=finest.name, size=finest.size)
 
 
-def twin_model(config: GradiometerConfig, states: Array, noise: float) -> Model:
-    """The cheapest model of the disc at places and tilts (s, 5), for a twin of a noise (T)."""
-    disc, pixels = disc_of(config), config.positions
-    exact = exact_disc(pixels, disc)
-    reach = table_reach(pixels, states)
-    models = [dipole_disc(pixels, disc, rings) for rings in RINGS]
-    models += [table_disc_model(pixels, disc, reach, shape) for shape in SHAPES]
-    name = choose(models, exact, states, noise).name
-    return next((model for model in models if model.name == name), exact)
-
-
-def every_model(config: GradiometerConfig, noise: float) -> tuple[Choice, list[Model]]:
-    """Choice among all models of the disc at a noise (T), all of them measured; and the models."""
-    disc, pixels = disc_of(config), config.positions
-    models = [dipole_disc(pixels, disc, rings) for rings in RINGS]
-    models += tables(config, 1) + tables(config)
-    exact = exact_disc(pixels, disc)
-    return choose(models, exact, states_of(config), noise, every=True), [*models, exact]
-
-
-def terms(config: GradiometerConfig, noise: float, count: int = 100) -> tuple[Worth, ...]:
+def terms(config: GradiometerConfig, noise: float, count: int = 100) -> tuple[TermGain, ...]:
     """Cost and worth of each term of a scene, in place of the disc (m), at a noise (T)."""
     states = states_of(config, count)[2**5 :]
     field = exact_disc(config.positions, disc_of(config)).readings
@@ -129,15 +94,12 @@ def terms(config: GradiometerConfig, noise: float, count: int = 100) -> tuple[Wo
     uniform = np.broadcast_to(even, (len(states), *even.shape))
     thick = config.gap * EXPANSION * place[..., 2]
     warm = (REMANENCE_SLOPE * level + thick)[..., None]
-    return worth(
-        place,
-        noise,
-        (
-            Term('uniform stray field', uniform, STRAY),
-            Term('temperature of the magnet', warm, WARM),
-            Term('tilt of its own', tilt, 0.03),
-        ),
+    found = (
+        Term('uniform stray field', uniform, STRAY),
+        Term('temperature of the magnet', warm, WARM),
+        Term('tilt of its own', tilt, 0.03),
     )
+    return term_gains(place, noise, found)
 
 
 NOISE = 9e-6  # T, of one reading of a pixel [3]
@@ -165,7 +127,11 @@ def disc_model(config: GradiometerConfig, noise: float = NOISE) -> Model:
     rest = np.array([0.0, 0.0, config.gap + config.disc_height / 2, 0.0, 0.0])
     # upward the disc comes from its rest, and no farther
     top = rest + reach * np.array([1.0, 1.0, 0.0, 0.0, 0.0])
-    return twin_model(config, region(rest - reach, top, STATES), noise)
+    states, pixels, disc = region(rest - reach, top, STATES), config.positions, disc_of(config)
+    tables = [table_disc_model(pixels, disc, table_reach(pixels, states), one) for one in SHAPES]
+    exact = exact_disc(pixels, disc)
+    name = choose(tables, exact, states, noise).name
+    return next((model for model in tables if model.name == name), exact)
 
 
 def reading(config: GradiometerConfig, touches: Touches, model: Model | None = None) -> Array:
@@ -199,14 +165,9 @@ def programme(config: GradiometerConfig, seed: int, count: int) -> Programme:
 
 
 def passing_magnet(config: GradiometerConfig, times: Array) -> tuple[Array, Array]:
-    """Field of the magnets that pass by, at times (s,) (s).
+    """Field (s, t, 3) (T) of the magnets that pass by, at times (s,) (s), and its mean (s, 3).
 
-    Returns
-    -------
-    field : ndarray, shape (s, t, 3)
-        At the pixels (T); 0 while none passes.
-    uniform : ndarray, shape (s, 3)
-        Its mean (T); NaN where pixels differ from it by more than their noise.
+    The mean is NaN where pixels differ from it by more than their noise.
     """
     number = np.maximum(np.rint((times - FIRST_PASS_S) / PASSES_S), 0).astype(np.int64)
     since = times - FIRST_PASS_S - PASSES_S * number
@@ -220,7 +181,7 @@ def passing_magnet(config: GradiometerConfig, times: Array) -> tuple[Array, Arra
     return field, np.where(even[:, None], mean, np.nan)
 
 
-def warm_up(config: GradiometerConfig, times: Array) -> tuple[Array, Array]:
+def temperature_profile(config: GradiometerConfig, times: Array) -> tuple[Array, Array]:
     """Temperatures (s,) of chip and disc (degrees Celsius) at rising times (s,) (s)."""
     phase = np.clip((times - WARMS_S[0]) / (WARMS_S[1] - WARMS_S[0]), 0.0, 1.0)
     chip = CALIBRATED_AT + WARMER / 2 * (1 - np.cos(2 * np.pi * phase))
@@ -232,8 +193,7 @@ def presses(
 ) -> Recording:
     """Readings of `count` presses with their truth: force, torque and stray field.
 
-    One stream that begins with a tare. `seed` is of all that is drawn, `noise` of a channel
-    (T); None: that of the pixels of [3].
+    One stream that begins with a tare. `noise` is of a channel (T); None: that of [3].
     """
     model = disc_model(config)
     plain = recorded(
@@ -245,7 +205,7 @@ def presses(
         seed,
     )
     times = np.arange(len(plain)) / plain.layout.rate_hz
-    chip, disc = warm_up(config, times)
+    chip, disc = temperature_profile(config, times)
     field, uniform = passing_magnet(config, times)
     weaker = remanence_at(disc, 1.0) / remanence_at(np.array(CALIBRATED_AT), 1.0)
     seen = plain.values * weaker[:, None, None] + in_chip_axes(field, config.rotations)[..., AXES]
@@ -263,7 +223,7 @@ def temperature(config: GradiometerConfig) -> Callable[[float], Array]:
     """Temperatures (t,) of the chips in `presses` (degrees Celsius), over time (s)."""
     rate_hz, pixels = config.rate_hz, len(config.positions)
     count = round(programme(config, 0, PRESSES).duration_s * rate_hz)
-    chip, _ = warm_up(config, np.arange(count) / rate_hz)
+    chip, _ = temperature_profile(config, np.arange(count) / rate_hz)
     return lambda t: np.full(pixels, chip[round(t * rate_hz) % count])
 
 

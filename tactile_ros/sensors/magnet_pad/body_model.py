@@ -25,10 +25,10 @@ from tactile_ros.physics.fidelity import (
     Choice,
     Model,
     Term,
-    Worth,
+    TermGain,
     choose,
     region,
-    worth,
+    term_gains,
 )
 from tactile_ros.physics.magnetics import EXACT, Blocks, in_chip_axes
 from tactile_ros.physics.temperature import REMANENCE_SLOPE
@@ -80,7 +80,7 @@ def movement(
 ) -> tuple[Array, Array]:
     """Shifts (m) and turns (rad) of the magnets under touches, shape (s, m, 3) both.
 
-    Tips have a radius `tip` over that of the cylinder.
+    Tips have a radius `tip` over that of the cylinder, `bond` is the share of the base's image.
     """
     both, every = places_and_forces(touches, config.radius), np.ones(len(touches))
     place, force = both[:, :3], both[:, 3:]
@@ -141,31 +141,15 @@ def block_field(config: MagnetPadConfig, edge_nodes: int) -> Model:
     return Model(name, readings, cost * count * len(config.positions), size=(edge_nodes,))
 
 
-def block_model(
-    config: MagnetPadConfig, noise: float, moved: Array, turned: Array, *, every: bool = False
-) -> Choice:
-    """Choose the cheapest model of the blocks; its size is the dipoles along an edge.
-
-    Parameters
-    ----------
-    config : MagnetPadConfig
-        Of the pad.
-    noise : float
-        Of a reading (T).
-    moved, turned : ndarray, shape (s, m, 3)
-        Shifts (m) and turns (rad) of the magnets in the scene; some hundreds.
-    every : bool
-        Measure all models.
-    """
-    states = np.stack([moved, turned], axis=1).reshape(len(moved), -1)
-    models = [block_field(config, n) for n in EDGES]
-    return choose(models, block_field(config, EXACT), states, noise, every=every)
-
-
 def field_choice(config: MagnetPadConfig, touches: Array, noise: float) -> Choice:
-    """Choose the model of the blocks that touches need at a noise (T), by some of them."""
+    """Choose the cheapest model of the blocks that touches need at a noise (T), by some of them.
+
+    Its size is the dipoles along an edge.
+    """
     some = touches[:: max(len(touches) // MEASURED, 1)]
-    return block_model(config, max(noise, LEAST_NOISE), *movement(config, some))
+    states = np.stack(movement(config, some), axis=1).reshape(len(some), -1)
+    models = [block_field(config, n) for n in EDGES]
+    return choose(models, block_field(config, EXACT), states, max(noise, LEAST_NOISE))
 
 
 def scene_touches(config: MagnetPadConfig, count: int = 60) -> Array:
@@ -177,7 +161,7 @@ def scene_touches(config: MagnetPadConfig, count: int = 60) -> Array:
     return np.column_stack([corners, np.zeros((len(corners), 2))])
 
 
-def terms(config: MagnetPadConfig, noise: float, count: int = 60) -> tuple[Worth, ...]:
+def terms(config: MagnetPadConfig, noise: float, count: int = 60) -> tuple[TermGain, ...]:
     """Weigh a stray field and the magnets' temperature as unknowns, in place (m)."""
     touches = scene_touches(config, count)[2**3 :]
 
@@ -196,15 +180,11 @@ def terms(config: MagnetPadConfig, noise: float, count: int = 60) -> tuple[Worth
         uniform_response(config), (len(touches), 3 * len(config.positions), 3)
     )
     warm = REMANENCE_SLOPE * (rest_field(config).reshape(1, -1) + readings(np.zeros(5)))
-    return worth(
-        np.stack(slopes, axis=-1),
-        max(noise, LEAST_NOISE),
-        (
-            Term('uniform stray field', uniform, STRAY),
-            Term('temperature of the magnets', warm[..., None], WARM),
-        ),
-        wanted=2,
+    found = (
+        Term('uniform stray field', uniform, STRAY),
+        Term('temperature of the magnets', warm[..., None], WARM),
     )
+    return term_gains(np.stack(slopes, axis=-1), max(noise, LEAST_NOISE), found, wanted=2)
 
 
 def rest_field(config: MagnetPadConfig) -> Array:
@@ -221,15 +201,8 @@ class Specimens:
     """Readings of pads that differ from a config, by parameters in units of their prior sigma.
 
     Of all magnets height and remanence; of each its place, axis and remanence; of each chip gains
-    and crossed axes; of the body stiffness, stiffening under load, the base's hold and the radius
-    of tips. A parameter of 0 is the config's.
-
-    Parameters
-    ----------
-    config : MagnetPadConfig
-        Of the pad.
-    full : float
-        Load under which the stiffening counts as a whole (N).
+    and crossed axes; of the body stiffness, stiffening under load (as a whole at `full` (N)), the
+    base's hold and the radius of tips. A parameter of 0 is the config's.
     """
 
     COMMON = ('height', 'remanence', 'shear_modulus', 'stiffening', 'bond', 'tip')
@@ -336,15 +309,6 @@ class PadResponse:
     the surface, times the load, its square and leanings, whose length and amplitude have the most
     evidence (Rasmussen and Williams, Gaussian Processes, 2006, ch. 5). Both are tabulated over the
     surface as polynomials of load and leaning.
-
-    Attributes
-    ----------
-    choice_ : Choice
-        Model of the blocks that the touches need.
-    parameters_ : ndarray, shape (p,)
-        Of the specimen.
-    full_ : float
-        Load that counts as 1 (N).
     """
 
     def __init__(self, config: MagnetPadConfig, live: Bools, *, leaning: bool) -> None:
@@ -365,20 +329,19 @@ class PadResponse:
     ) -> PadResponse:  # fmt: skip
         """Fit the specimen to readings x (s, d) (T) of touches, and tabulate it."""
         self.full_ = float(np.exp(touches[:, 2].max()))
-        self.choice_ = field_choice(self.config, touches, noise)
+        choice = field_choice(self.config, touches, noise)
+        self.nodes_, self.choice_ = choice.size[0], choice.report
         pad = Specimens(self.config, self.full_)
         some = np.unique(np.linspace(0, len(x) - 1, min(len(x), ROWS)).astype(int))
         known, wanted = touches[some], x[some]
         sigma = np.sqrt(noise**2 + RIGHT**2 * (wanted * wanted).mean(axis=1, keepdims=True))
 
-        nodes = self.choice_.size[0]
-
         def residual(parameters: Array) -> Array:
-            error = (pad(known, parameters, nodes)[:, self.live] - wanted) / sigma
+            error = (pad(known, parameters, self.nodes_)[:, self.live] - wanted) / sigma
             return np.concatenate([error.ravel(), parameters])
 
         def jacobian(parameters: Array) -> Array:
-            slopes = pad.slopes(known, parameters, nodes)[:, self.live] / sigma[:, :, None]
+            slopes = pad.slopes(known, parameters, self.nodes_)[:, self.live] / sigma[:, :, None]
             return np.concatenate([slopes.reshape(-1, pad.count), np.eye(pad.count)])
 
         start = np.zeros(pad.count) if start is None else start
@@ -398,7 +361,7 @@ class PadResponse:
         touches = np.column_stack([
             np.repeat(self.grid, len(kinds), axis=0), np.tile(kinds, (len(self.grid), 1)),
         ])  # fmt: skip
-        field = pad(touches, self.parameters_, self.choice_.size[0])[:, self.live]
+        field = pad(touches, self.parameters_, self.nodes_)[:, self.live]
         own = load_terms(touches[: len(kinds)], self.full_, self.leaning)
         field = field.reshape(len(self.grid), len(kinds), -1)
         self.table_ = self._splines(np.einsum('jk,gkd->gjd', np.linalg.pinv(own), field))
@@ -442,14 +405,7 @@ class PadResponse:
 class ResponseResidual:
     """Readings less a response: a smooth function of the place times parts of the load.
 
-    Parameters
-    ----------
-    response : PadResponse
-        Of a specimen.
-    touches, x : ndarray, shape (s, 5) and (s, d)
-        Recorded touches and their readings (T).
-    noise : float
-        Of a channel (T).
+    Touches (s, 5) have readings x (s, d) (T), whose channels have a noise (T).
     """
 
     def __init__(self, response: PadResponse, touches: Array, x: Array, noise: float) -> None:

@@ -27,19 +27,9 @@ SHEAR_MODULUS = 0.245e6
 def surface_cells(
     along: int, around: int, radius: float = RADIUS, length: float = LENGTH
 ) -> Array:
-    """Centres of a grid of cells on the half cylinder, in rows along its axis.
+    """Centres (along * around, 3) (m) of a grid of cells on the half cylinder, in rows along x.
 
-    Parameters
-    ----------
-    along, around : int
-        Cells along the axis (x) and across it; [2] has 3 x 2, 5 x 3 and 5 x 5.
-    radius, length : float
-        Of the half cylinder (m).
-
-    Returns
-    -------
-    ndarray, shape (along * around, 3)
-        Centres (m), equally wide as seen from above.
+    They are equally wide as seen from above; [2] has 3 x 2, 5 x 3 and 5 x 5.
     """
     x = length * ((np.arange(along) + 0.5) / along - 0.5)
     y = 2 * radius * ((np.arange(around) + 0.5) / around - 0.5)
@@ -49,32 +39,7 @@ def surface_cells(
 
 @dataclass(frozen=True)
 class MagnetPadConfig:
-    """Magnets in a soft half cylinder over 3-axis chips; lengths in m, origin mid-base.
-
-    Attributes
-    ----------
-    positions, rotations : ndarray, shape (t, 3) and (t, 3, 3) or None
-        Hall elements; chip axes to sensor axes.
-    saturation, noise : float, ndarray of shape (3,), or None
-        Range of the chips and noise of a channel (T).
-    rate_hz, track_baseline : float, bool
-        Frames per second; whether slow drift at rest is followed.
-    magnet_positions, magnet_axes : ndarray, shape (m, 3)
-        Centres, directions of magnetisation.
-    magnet_size : ndarray, shape (3,)
-        Edges along a magnet's own axes.
-    cells : ndarray, shape (n, 3)
-        Row i is the centre of cell i.
-    radius, length : float
-        Of the half cylinder, whose axis is x.
-    shear_modulus, remanence : float
-        Of the soft body (Pa); of the magnets (T).
-    gain_spread : float
-        Standard deviation of the chips' gains, as a share: of fields from outside, so much may be
-        left in what is told of a touch.
-    stray_term : bool
-        Whether fields from outside are unknowns; docs/fidelity.md has what that costs and buys.
-    """
+    """Magnets in a soft half cylinder over 3-axis chips; lengths in m, origin mid-base."""
 
     positions: Array = array([[-10e-3, 0, 0], [10e-3, 0, 0]], 'Hall elements', 'm', (-1, 3))
     rotations: Array | None = maybe_array('chip to sensor axes; empty: aligned', '1', ('t', 3, 3))
@@ -92,6 +57,7 @@ class MagnetPadConfig:
     length: float = number(LENGTH, 'length of the half cylinder', 'm', 1e-4, 1.0)
     shear_modulus: float = number(SHEAR_MODULUS, 'of the soft body', 'Pa', 1e2, 1e9)
     remanence: float = number(1.4, 'of the magnets', 'T', 1e-6, 2.0)
+    # of fields from outside, so much may be left in what is told of a touch
     gain_spread: float = number(0.02, 'of the gains of the chips', '1', 0.0, 0.5)
     stray_term: bool = switch(True, 'fields from outside are unknown; false: there are none')
 

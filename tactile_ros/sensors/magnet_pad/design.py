@@ -31,13 +31,13 @@ LOADS = np.geomspace(0.02, 30.0, 28)  # N
 
 
 @dataclass(frozen=True)
-class Wanted:
+class Requirements:
     """Requirements of a pad.
 
     Condition 1: at rest every chip reads more than it can measure at least and less than it
     saturates at, and under the largest force none saturates ([2] asks it of one chip; a saturated
-    chip says nothing, so that it has to hold for all). Condition 2: the least force changes the
-    field at one chip at least, in norm, by more than it resolves, in every cell.
+    chip says nothing). Condition 2: in every cell the least force changes the field at one chip at
+    least, in norm, by more than it resolves.
     """
 
     # least and largest force along the normal (N)
@@ -49,32 +49,32 @@ class Wanted:
     resolution: float = 20e-6
 
 
-def changes(config: MagnetPadConfig, wanted: Wanted, loads: Array) -> Array:
+def changes(config: MagnetPadConfig, required: Requirements, loads: Array) -> Array:
     """Change of the readings (n, l, t, 3) (T) in every cell under loads (l,) (N)."""
     normal = config.cells * np.array([0.0, 1.0, 1.0]) / config.radius
     force = (normal[:, None] * loads[:, None]).reshape(-1, 3)
     touches = touches_at(np.repeat(config.cells, len(loads), axis=0), force)
-    seen = change_of_field(config, touches, wanted.tip / config.radius)
+    seen = change_of_field(config, touches, required.tip / config.radius)
     return seen.reshape(len(config.cells), len(loads), *seen.shape[1:])
 
 
-def least_forces(config: MagnetPadConfig, wanted: Wanted) -> Array:
+def least_forces(config: MagnetPadConfig, required: Requirements) -> Array:
     """Least force (n,) (N) in each cell that some chip resolves; inf: none up to 30 N."""
-    size = np.linalg.norm(changes(config, wanted, LOADS), axis=3).max(axis=2)
+    size = np.linalg.norm(changes(config, required, LOADS), axis=3).max(axis=2)
     size = np.maximum.accumulate(size, axis=1)
     found = np.full(len(size), np.inf)
     for i, row in enumerate(size):
-        if row[-1] > wanted.resolution:
+        if row[-1] > required.resolution:
             rising = np.log(np.maximum(row, 1e-15)) + 1e-12 * np.arange(len(row))
-            found[i] = np.exp(np.interp(np.log(wanted.resolution), rising, np.log(LOADS)))
+            found[i] = np.exp(np.interp(np.log(required.resolution), rising, np.log(LOADS)))
     return found
 
 
-def loudest(config: MagnetPadConfig, wanted: Wanted) -> Array:
+def loudest(config: MagnetPadConfig, required: Requirements) -> Array:
     """Largest reading (t, 3) (T) of each channel, at rest or under the largest force."""
     rest = rest_field(config)
-    loads = wanted.largest * np.array([0.0, 0.5, 1.0])
-    return np.asarray(np.abs(rest + changes(config, wanted, loads)).max(axis=(0, 1)))
+    loads = required.largest * np.array([0.0, 0.5, 1.0])
+    return np.asarray(np.abs(rest + changes(config, required, loads)).max(axis=(0, 1)))
 
 
 def saturation(config: MagnetPadConfig) -> Array:
@@ -83,25 +83,23 @@ def saturation(config: MagnetPadConfig) -> Array:
     return np.broadcast_to(limit, (3,))
 
 
-def quiet_enough(config: MagnetPadConfig, wanted: Wanted) -> Array:
+def quiet_enough(config: MagnetPadConfig, required: Requirements) -> Array:
     """Chips (t,) for which condition 1 holds."""
     rest = np.linalg.norm(rest_field(config), axis=1)
-    clear = (loudest(config, wanted) < saturation(config)).all(axis=1)
-    return np.asarray((rest > wanted.least_field) & clear)
+    clear = (loudest(config, required) < saturation(config)).all(axis=1)
+    return np.asarray((rest > required.least_field) & clear)
 
 
-def place_bound(config: MagnetPadConfig, wanted: Wanted, noise: float) -> float:
+def place_bound(config: MagnetPadConfig, required: Requirements, noise: float) -> float:
     """Mean standard deviation (m) of a place at the geometric mean of the loads.
 
-    Notes
-    -----
     Cramer and Rao with place and load unknown; infinite where readings do not tell them.
     """
-    load, step = np.sqrt(wanted.force * wanted.largest), 1e-3
+    load, step = np.sqrt(required.force * required.largest), 1e-3
     cells = config.cells * np.array([0.0, 1.0, 1.0])
     normal = cells / np.linalg.norm(cells, axis=1, keepdims=True)
     level = touches_at(config.cells, load * normal)
-    tip = wanted.tip / config.radius
+    tip = required.tip / config.radius
     start = change_of_field(config, level, tip)
     slopes = np.stack([
         (change_of_field(config, level + step * unit, tip) - start) / step
@@ -135,15 +133,13 @@ class Remedy:
     config: MagnetPadConfig  # the pad with it
 
 
-def stiffest(config: MagnetPadConfig, wanted: Wanted) -> float:
+def stiffest(config: MagnetPadConfig, required: Requirements) -> float:
     """Largest shear modulus (Pa) at which every cell feels the least force; 0: none.
 
-    Notes
-    -----
     Displacements depend on force over modulus alone, so that the least force grows with it.
     """
-    most = float(least_forces(config, wanted).max())
-    return MARGIN * config.shear_modulus * wanted.force / most if np.isfinite(most) else 0.0
+    most = float(least_forces(config, required).max())
+    return MARGIN * config.shear_modulus * required.force / most if np.isfinite(most) else 0.0
 
 
 def blocks(cells: Array, weak: Integers) -> list[Integers]:
@@ -159,13 +155,13 @@ def blocks(cells: Array, weak: Integers) -> list[Integers]:
     return sorted(parts, key=lambda part: (-len(part), int(part[0])))
 
 
-def remedies(config: MagnetPadConfig, wanted: Wanted, force: Array) -> list[Remedy]:
+def remedies(config: MagnetPadConfig, required: Requirements, force: Array) -> list[Remedy]:
     """Changes of the pad where forces (n,) (N) that are felt exceed the least one."""
-    weak = np.flatnonzero(force > wanted.force)
+    weak = np.flatnonzero(force > required.force)
     if not len(weak):
         return []
     found = []
-    modulus = stiffest(config, wanted)
+    modulus = stiffest(config, required)
     if modulus > 0:
         why = 'most cells' if len(weak) > MOST * len(force) else 'max(F_min) is high'
         change = f'shear modulus {1e-6 * modulus:.3g} MPa for {1e-6 * config.shear_modulus:.3g}'
@@ -224,22 +220,22 @@ def tables(config: MagnetPadConfig, options: argparse.Namespace) -> list[Table]:
         raise ValueError(msg)
     noise = NOISE if config.noise is None else float(np.max(config.noise))
     resolution = 5 * noise if options.resolution is None else 1e-6 * options.resolution
-    wanted = Wanted(
+    required = Requirements(
         options.force, options.largest, 1e-3 * options.tip, 1e-6 * options.least_field, resolution
     )
-    force = least_forces(config, wanted)
+    force = least_forces(config, required)
     return [
-        _first(config, wanted),
-        _map(config, wanted, force),
-        _remedies(config, wanted, force),
-        _search(config, wanted, noise, options.magnets, options.chips),
+        _first(config, required),
+        _map(config, required, force),
+        _remedies(config, required, force),
+        _search(config, required, noise, options.magnets, options.chips),
     ]
 
 
-def _first(config: MagnetPadConfig, wanted: Wanted) -> Table:
+def _first(config: MagnetPadConfig, required: Requirements) -> Table:
     """Condition 1."""
-    rest, most = np.linalg.norm(rest_field(config), axis=1), loudest(config, wanted)
-    holds, limit = quiet_enough(config, wanted), saturation(config)
+    rest, most = np.linalg.norm(rest_field(config), axis=1), loudest(config, required)
+    holds, limit = quiet_enough(config, required), saturation(config)
     share = (most / limit).max(axis=1)
     rows = tuple(
         (i + 1, 1e3 * rest[i], *(1e3 * most[i]), 100 * share[i], 'yes' if holds[i] else 'no')
@@ -247,8 +243,8 @@ def _first(config: MagnetPadConfig, wanted: Wanted) -> Table:
     )
     says = 'holds' if holds.all() else 'does not hold'
     notes = (
-        f'Condition 1 {says}: at rest more than {1e6 * wanted.least_field:g} uT, and no chip '
-        f'saturates up to {wanted.largest:g} N.',
+        f'Condition 1 {says}: at rest more than {1e6 * required.least_field:g} uT, and no chip '
+        f'saturates up to {required.largest:g} N.',
     )
     columns = (
         'chip', 'at rest (mT)', 'most x (mT)', 'most y (mT)', 'most z (mT)', 'of its range (%)',
@@ -257,7 +253,7 @@ def _first(config: MagnetPadConfig, wanted: Wanted) -> Table:
     return Table('condition 1: every chip', columns, rows, notes)
 
 
-def _map(config: MagnetPadConfig, wanted: Wanted, force: Array) -> Table:
+def _map(config: MagnetPadConfig, required: Requirements, force: Array) -> Table:
     """Condition 2: least force in every cell, as seen from above."""
     x, y = (np.unique(np.round(config.cells[:, i], 6)) for i in range(2))
     rows = []
@@ -269,23 +265,24 @@ def _map(config: MagnetPadConfig, wanted: Wanted, force: Array) -> Table:
             row.append(float(force[i]) if near[i] < 1e-5 and np.isfinite(force[i]) else None)
         rows.append(tuple(row))
     most = float(force.max())
-    says = 'holds' if most <= wanted.force else 'does not hold'
+    says = 'holds' if most <= required.force else 'does not hold'
     notes = (
-        f'Condition 2 {says} for {wanted.force:g} N: the largest of the map is {most:.3g} N, with '
-        f'changes above {1e6 * wanted.resolution:g} uT and a tip of {1e3 * wanted.tip:g} mm.',
+        f'Condition 2 {says} for {required.force:g} N: the largest of the map is {most:.3g} N, '
+        f'with changes above {1e6 * required.resolution:g} uT and a tip of '
+        f'{1e3 * required.tip:g} mm.',
     )
     columns = ('y (mm)', *(f'x = {1e3 * a:.4g} (N)' for a in x))
     return Table('F_min: least force that is felt in each cell', columns, tuple(rows), notes)
 
 
-def _remedies(config: MagnetPadConfig, wanted: Wanted, force: Array) -> Table:
+def _remedies(config: MagnetPadConfig, required: Requirements, force: Array) -> Table:
     """Remedies of [2] where condition 2 fails, and their gain."""
-    felt, quiet = int((force <= wanted.force).sum()), quiet_enough(config, wanted).all()
+    felt, quiet = int((force <= required.force).sum()), quiet_enough(config, required).all()
     rows = [('none', 'as it is', '-', float(force.max()), felt, 'yes' if quiet else 'no')]
-    for one in remedies(config, wanted, force):
-        after = least_forces(one.config, wanted)
-        quiet = quiet_enough(one.config, wanted).all()
-        felt = int((after <= wanted.force).sum())
+    for one in remedies(config, required, force):
+        after = least_forces(one.config, required)
+        quiet = quiet_enough(one.config, required).all()
+        felt = int((after <= required.force).sum())
         says = 'yes' if quiet else 'no'
         rows.append((one.what, one.why, one.change, float(after.max()), felt, says))
     notes = () if rows[1:] else ('Nothing to mend: every cell feels the least force.',)
@@ -296,19 +293,19 @@ def _remedies(config: MagnetPadConfig, wanted: Wanted, force: Array) -> Table:
 
 
 def _search(
-    config: MagnetPadConfig, wanted: Wanted, noise: float, magnets: int, chips: int
+    config: MagnetPadConfig, required: Requirements, noise: float, magnets: int, chips: int
 ) -> Table:
     """The stiffness that serves every number of magnets and chips; the fewest parts first."""
     rows = []
     for count in sorted(np.ndindex(magnets, chips), key=lambda n: (sum(n), n[1])):
         one = evenly(config, count[0] + 1, count[1] + 1)
-        hard = stiffest(one, wanted)
-        soft = softest(one, wanted, hard)
+        hard = stiffest(one, required)
+        soft = softest(one, required, hard)
         serves = np.isfinite(soft) and 0 < soft <= hard
         best = float(np.sqrt(soft * hard)) if serves else np.nan
         place = np.inf
         if serves:
-            place = 1e3 * place_bound(replace(one, shear_modulus=best), wanted, noise)
+            place = 1e3 * place_bound(replace(one, shear_modulus=best), required, noise)
         rows.append((
             count[0] + 1, count[1] + 1, 1e-6 * soft if serves else None,
             1e-6 * hard if hard > 0 else None, 1e-6 * best if serves else None,
@@ -349,25 +346,25 @@ def evenly(config: MagnetPadConfig, magnets: int, chips: int) -> MagnetPadConfig
     )
 
 
-def softest(config: MagnetPadConfig, wanted: Wanted, hard: float) -> float:
+def softest(config: MagnetPadConfig, required: Requirements, hard: float) -> float:
     """Least shear modulus (Pa) at which condition 1 holds under the largest force; nan: none."""
-    if not hard > 0 or not quiet_enough(replace(config, shear_modulus=1e9), wanted).all():
+    if not hard > 0 or not quiet_enough(replace(config, shear_modulus=1e9), required).all():
         return float('nan')
     low, high = np.log(SOFTEST * hard), np.log(hard)
-    if not _bears(config, wanted, float(np.exp(high))):
+    if not _bears(config, required, float(np.exp(high))):
         return float('inf')
     for _ in range(ROUNDS):
         middle = 0.5 * (low + high)
-        if _bears(config, wanted, float(np.exp(middle))):
+        if _bears(config, required, float(np.exp(middle))):
             high = middle
         else:
             low = middle
     return float(np.exp(high))
 
 
-def _bears(config: MagnetPadConfig, wanted: Wanted, modulus: float) -> bool:
+def _bears(config: MagnetPadConfig, required: Requirements, modulus: float) -> bool:
     """True if the largest force leaves the chips clear and the magnets in their place."""
-    strained = wanted.largest / (4 * np.pi * modulus * config.radius)
+    strained = required.largest / (4 * np.pi * modulus * config.radius)
     height = float(config.magnet_positions[:, 2].min())
     softened = replace(config, shear_modulus=modulus)
-    return bool(2 * strained < height / 3 and quiet_enough(softened, wanted).all())
+    return bool(2 * strained < height / 3 and quiet_enough(softened, required).all())

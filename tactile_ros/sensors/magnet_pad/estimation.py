@@ -18,7 +18,6 @@ from scipy.spatial import cKDTree
 from tactile_ros.conditioning.baseline import training_baseline_variance
 from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.grid_knn import GridKnn
-from tactile_ros.physics.fidelity import Choice, Rated, Worth
 from tactile_ros.physics.temperature import REMANENCE_SLOPE
 from tactile_ros.sensors.magnet_pad.body_model import (
     NOISE,
@@ -62,22 +61,15 @@ WARMER = 3.0  # degrees beyond those of the fit, from which frames are out of ra
 class ThermalDrift:
     """Change of the field at rest with the temperature of the magnets since the tare.
 
-    Magnets lose a part of their field with each degree, and the resting field is hundreds of times
-    what a light touch changes: a few degrees between tare and touch pass for a load. The chips
-    measure their own temperature alone, which the magnets follow in part.
-
-    Attributes
-    ----------
-    slope_, sigma_ : float
-        Change of the resting field with a degree, over itself (1 / degree); its sigma.
-    thermometer_ : float
-        Noise of the chips' mean temperature (degrees).
-    span_ : ndarray, shape (2,)
-        Least and highest temperature of a chip in the fit (degrees Celsius); NaN: none measured.
+    The resting field is hundreds of times what a light touch changes: a few degrees between tare
+    and touch pass for a load. Chips measure their own temperature, which the magnets follow in
+    part.
     """
 
     def __init__(self) -> None:
+        # change of the resting field with a degree, over itself (1 / degree), and its sigma
         self.slope_, self.sigma_ = REMANENCE_SLOPE, SLOPE_SIGMA * abs(REMANENCE_SLOPE)
+        # noise of the chips' mean temperature (degrees); least and highest of a chip in the fit
         self.thermometer_, self.span_ = 0.0, np.full(2, np.nan)
         self.fitted_ = False
 
@@ -151,7 +143,7 @@ class ThermalDrift:
     def uncertainty(self, signals: Signals, noise: float) -> tuple[Integers, Array]:
         """Finite rows (r,) that the slope's sigma moves by more than a part of `noise` (T).
 
-        And by how much (r, c), in all channels together, each with its sign (T).
+        And by how much (r, c) (T), in all channels together.
         """
         then_c, now_c = signals.rest_temperature_c, signals.temperature_c
         level = signals.baseline.reshape(len(signals.good), -1)
@@ -185,30 +177,7 @@ def noise_of_rest(signals: Signals) -> float:
 
 
 class Localisation(Recognition):
-    """Estimation of the magnet pad.
-
-    Parameters
-    ----------
-    config : MagnetPadConfig
-        Of the sensor.
-    estimator : str or None
-        One of `ESTIMATORS`; None: chosen in `fit`.
-
-    Attributes
-    ----------
-    inversion_ : PadInversion or None
-        Of the pad of the recording, or of the config.
-    inverted_ : tuple of str
-        Targets that it answers.
-    flat_ : bool
-        Whether the nearest cell is that seen from above.
-    centred_ : bool
-        Whether places are centres of cells, since truth has nothing else.
-    known_, named_ : ndarray, shape (n, c) and (n,)
-        Readings (T) of touches and their cells, where truth has nothing else.
-    drift_ : ThermalDrift
-        Of the resting field.
-    """
+    """Estimation of the magnet pad by one of `ESTIMATORS`; None: chosen in `fit`."""
 
     uses_temperature = True
 
@@ -216,11 +185,12 @@ class Localisation(Recognition):
         assert isinstance(config, MagnetPadConfig)
         super().__init__(config, estimator if estimator in REGRESSORS else None)
         self.config, self.wanted = config, estimator
+        # places are centres of cells, since truth has no others; cells are seen from above
         self.centred_ = self.flat_ = False
         self.drift_, self.tare_variance_, self.noise_ = ThermalDrift(), 0.0, 0.0
         self.inversion_: PadInversion | None
         self.inverted_: tuple[str, ...]
-        self.terms_: tuple[Worth, ...]
+        self.terms_: Report
         self._begin()
         if estimator not in (None, NOMINAL):
             self.inversion_, self.inverted_ = None, ()
@@ -228,7 +198,7 @@ class Localisation(Recognition):
     def _begin(self) -> None:
         """Let the config's pad answer, and forget regressors."""
         self.heads_, self.remembering_, self.votes_, self.turn_ = (), (), (), None
-        self.slip_, self.centred_, self.terms_ = None, False, ()
+        self.slip_, self.centred_, self.terms_ = None, False, {}
         self.known_, self.named_ = np.zeros((0, self.width)), np.zeros(0, np.int64)
         for name in ('_best', '_voters'):
             vars(self).pop(name, None)
@@ -263,12 +233,10 @@ class Localisation(Recognition):
         found |= self.inversion_.report_
         if response is None:
             return found
-        found |= {'pad': response.report, **response.choice_.report}
+        found |= {'pad': response.report, **response.choice_}
         ends = {'least': float(span[0]), 'most': float(span[1])}
         found['not told: loads beyond those recorded (N)'] = ends
-        for term in self.terms_:
-            found |= term.report
-        return found
+        return found | self.terms_
 
     def begin_fit(self) -> None:
         """Begin with magnets of neodymium, whatever was learned before."""
@@ -300,12 +268,14 @@ class Localisation(Recognition):
         if inversion is not None:
             report = inversion.report_
             answered = tuple(
-                k for k in report
+                k
+                for k in report
                 if self.wanted == TABLE or report[k][f'rmse_{TABLE}'] < report[k]['rmse_grid_knn']
             )
             if 'position' in answered and self._cells_are_places(truth, signals.good):
                 answered += ('cell',)
-            self.terms_ = terms(self.config, inversion.noise)
+            for term in terms(self.config, inversion.noise):
+                self.terms_ |= term.report
         self.inversion_, self.inverted_ = inversion if answered else None, answered
         if self.wanted != TABLE and not {'position', 'force'} <= {*answered}:
             self._regress(signals, {k: v for k, v in truth.items() if k not in answered}, groups)
@@ -382,7 +352,7 @@ class Localisation(Recognition):
         if self.centred_:
             known['position_cov'] = known['position_cov'] + np.diag(extent(self.config.cells))
             if len(self.known_):
-                self._vote_beside_field(known, signals)
+                self._vote_in_stray_field(known, signals)
         elif self._names_cells(known):
             place, cov = (np.asarray(known[k], float) for k in ('position', 'position_cov'))
             known['cell'], known['cell_probability'] = named_cells(place, cov, self.config.cells)
@@ -390,7 +360,7 @@ class Localisation(Recognition):
             known['status'] = status
         return known
 
-    def _vote_beside_field(self, known: Columns, signals: Signals) -> None:
+    def _vote_in_stray_field(self, known: Columns, signals: Signals) -> None:
         """Name cells by what chips differ in, where a reading is unlike all known ones."""
         tree, limit, voters, free = self._voters
         x = signals.delta.reshape(len(signals.good), self.width)
@@ -411,9 +381,7 @@ class Localisation(Recognition):
         shares = (self.named_[:, None] == np.unique(self.named_)).astype(np.float64)
         return tree, FAR * usual, GridKnn().fit(self.known_ @ free, shares), free
 
-    def _add_inverted(
-        self, known: Columns, signals: Signals, inversion: PadInversion
-    ) -> Integers:
+    def _add_inverted(self, known: Columns, signals: Signals, inversion: PadInversion) -> Integers:
         """Add what the inversion answers; return the status (s,)."""
         every = signals.delta.reshape(len(signals.good), self.width)[:, inversion.live]
         rows = np.flatnonzero(np.isfinite(every).all(axis=1))
@@ -508,24 +476,12 @@ def _on_surface(config: MagnetPadConfig, place: Array, force: Array) -> bool:
 
 
 def nearest(places: Array, cells: Array) -> Integers:
-    """Number (...) of the cell (n, k) nearest to places (..., k).
-
-    Examples
-    --------
-    >>> nearest(np.array([[0.1, 0.0]]), np.array([[1.0, 0.0], [0.0, 0.0]])).tolist()
-    [1]
-    """
+    """Number (...) of the cell (n, k) nearest to places (..., k)."""
     return np.asarray((places @ cells.T - 0.5 * (cells**2).sum(axis=1)).argmax(axis=-1))
 
 
 def extent(cells: Array) -> Array:
-    """Variance (3,) (m2) of places inside a cell along each axis, by the gaps of centres (n, 3).
-
-    Examples
-    --------
-    >>> (1e6 * extent(np.array([[0.0, 0, 0], [6e-3, 0, 0]]))).round(3)
-    array([3., 0., 0.])
-    """
+    """Variance (3,) (m2) of places inside a cell along each axis, by the gaps of centres."""
     steps = [max(len(np.unique(np.round(axis, 6))) - 1, 1) for axis in cells.T]
     return np.asarray((np.ptp(cells, axis=0) / steps) ** 2 / 12)
 
@@ -549,7 +505,4 @@ CLASSES = (
     CovarianceModel,
     ThermalDrift,
     MagnetPadConfig,
-    Choice,
-    Rated,
-    Worth,
 )

@@ -109,38 +109,7 @@ def even_touches(
 
 
 class PadInversion:
-    """Touches from readings.
-
-    Parameters
-    ----------
-    config : MagnetPadConfig
-        Of the pad.
-    live : ndarray of bool, shape (c,)
-        Channels that are alive; the d of them are the features.
-    noise : float
-        Of a channel (T).
-
-    Attributes
-    ----------
-    response_ : PadResponse or None
-        Fitted; None: that of the config.
-    touches_ : ndarray, shape (n, 5)
-        Recorded ones.
-    radius_ : float
-        Of the surface on which places lie (m).
-    scatter_ : float
-        Residual of the response over the readings, beside the noise.
-    misfit_ : float
-        That most touches leave.
-    contact_ : float
-        Norm of a reading less a uniform field, beyond which something touches (T).
-    span_ : ndarray, shape (2,)
-        Least and largest recorded force (N); NaN: none.
-    covariance_ : CovarianceModel or None
-        Of place and force.
-    report_ : dict
-        Errors on held-out groups, and those of the neighbours of [2].
-    """
+    """Touches from readings of the d channels that are alive, of a noise (T)."""
 
     RIGHT = 0.06  # of a reading: error of the config's pad
     LOADS = (0.01, 0.6)  # of shear modulus times the square of the radius
@@ -149,11 +118,15 @@ class PadInversion:
 
     def __init__(self, config: MagnetPadConfig, live: Bools, noise: float) -> None:
         self.config, self.live, self.noise = config, live, max(noise, LEAST_NOISE)
-        self.response_: PadResponse | None = None
+        self.response_: PadResponse | None = None  # fitted; None: that of the config
+        # recorded touches (n, 5), the radius (m) of their surface, and the residual of the
+        # response over the readings, beside the noise
         self.touches_, self.radius_, self.scatter_ = np.zeros((0, 5)), config.radius, self.RIGHT
+        # misfit that most touches leave, and norm (T) of a reading less a uniform field, beyond
+        # which something touches
         self.misfit_, self.contact_ = float(live.sum()), SIGMAS * self.noise
-        self.span_ = np.full(2, np.nan)
-        self.covariance_: CovarianceModel | None = None
+        self.span_ = np.full(2, np.nan)  # least and largest recorded force (N)
+        self.covariance_: CovarianceModel | None = None  # of place and force
         self.report_: Report = {}
 
     @property
@@ -303,8 +276,10 @@ class PadInversion:
     @cached_property
     def posterior(self) -> TouchPosterior:
         """Table of touches that answers readings."""
-        rows = self._nominal_rows() if self.response_ is None else self._rows(
-            self.response_, self.touches_, COUNT
+        rows = (
+            self._nominal_rows()
+            if self.response_ is None
+            else self._rows(self.response_, self.touches_, COUNT)
         )
         # the part of the chips' gains that both have counts as field
         entry = 0.5 * self.config.gain_spread

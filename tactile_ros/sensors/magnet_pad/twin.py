@@ -95,9 +95,8 @@ def presses(
 ) -> Recording:  # fmt: skip
     """Readings of `count` presses with their truth: position, cell and force.
 
-    One stream that begins with a tare. `seed` is of all that is drawn, `noise` of a channel
-    (T); None: that of the chips. The force is inside a `cone` (rad) about the surface's normal;
-    [2] has pi / 4.
+    One stream that begins with a tare. `noise` is of a channel (T); None: that of the chips. The
+    force is inside a `cone` (rad) about the surface's normal; [2] has pi / 4.
     """
     played = programme(config, seed, count, cone)
     blocks = blocks_for(config, played)
