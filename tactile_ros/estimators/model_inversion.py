@@ -116,8 +116,8 @@ class Calibration:
     cost: float  # half the sum of squared normalised residuals and prior terms
     converged: bool  # before the largest number of steps
 
-    def beyond(self, prior: ModelPrior, own: Array) -> Calibration:
-        """Calibration for other recordings than its own.
+    def shared(self, prior: ModelPrior, own: Array) -> Calibration:
+        """Part of the calibration that other recordings share.
 
         By sigmas `own` (k,), such as the noise of its tare, parameters differ from those of others
         beside their prior: of what was found only shares stay.

@@ -122,6 +122,12 @@ class Sheet:
         """Moment of each dipole (A m2), shape (x y 2,)."""
         return np.asarray(self.band_moments @ self.strengths)
 
+    @property
+    def moments(self) -> Array:
+        """Moment of a dipole in each cell (A m2), shape (x, y)."""
+        x, y = self.lines
+        return self.each_moment[:: len(LEVELS)].reshape(len(x), len(y))
+
     @cached_property
     def dipoles(self) -> tuple[Array, Array]:
         """Places (m) and moments (A m2), shape (x y 2, 3) each."""
@@ -138,8 +144,7 @@ class Sheet:
             return np.asarray(even)
         # blocks are exact where a carpet is coarse; what is uneven along them is small
         more = np.zeros((*self.uneven.shape, len(LEVELS), 3))
-        moments = self.each_moment[:: len(LEVELS)].reshape(self.uneven.shape)
-        more[..., self.axis] = (moments * self.uneven / (1 + self.uneven))[..., None]
+        more[..., self.axis] = (self.moments * self.uneven / (1 + self.uneven))[..., None]
         flat = points.reshape(-1, 3)
         change = dipole_field(flat, self.dipoles[0], more.reshape(-1, 3))
         return np.asarray(even + change.reshape(points.shape))

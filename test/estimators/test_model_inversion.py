@@ -223,11 +223,11 @@ def test_invert_one_frame_is_the_batch(fitted: Calibration) -> None:
         np.testing.assert_allclose(one.answer_covariance[0], batch.answer_covariance[s], rtol=1e-9)
 
 
-def test_beyond_keeps_of_a_parameter_what_its_recording_shares_with_others() -> None:
+def test_shared_keeps_of_a_parameter_what_holds_for_other_recordings() -> None:
     own = np.r_[0.05, np.zeros(6)]  # as wide as its prior: half of what was found is of others
     wide = replace(PRIOR, parameter_sigma=np.hypot(PRIOR.parameter_sigma, own))
     fit = calibrate(wide, *frames(300)[1:], starts(300))
-    found = fit.beyond(PRIOR, own)
+    found = fit.shared(PRIOR, own)
     np.testing.assert_allclose(found.parameters[1:], fit.parameters[1:])
     assert found.parameters[0] - 1 == pytest.approx(0.5 * (fit.parameters[0] - 1))
     variance = 0.25 * fit.covariance[0, 0] + 0.5 * 0.05**2

@@ -324,7 +324,7 @@ class GradiometerEstimation(Estimation):
         self.widths_ = {'state': model.state_sigma.copy(), 'parameters': known}
         self.widths_['state'][disc.LABEL] = 0.0
         self.label_noise_ = model.answer_noise
-        self._take(fit.beyond(self.model, tare))
+        self._take(fit.shared(self.model, tare))
         errors, stated = (part[:touched] for part in influence.held_out(group))
         states = fit.states[:touched]
         self._judge(signals, f[:touched], rows[:touched], errors, stated, group[:touched], states)
