@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.few_shot import Rows, SupportSet, share_of, without_field
+from tactile_ros.estimators.few_shot import Rows, share_of, without_field
 from tactile_ros.estimators.press_templates import DAMPING, TINY, descend_rows
 
 if TYPE_CHECKING:
     from tactile_ros.estimators.few_shot import Presses
     from tactile_ros.estimators.press_templates import PressBank
-    from tactile_ros.types import Array, Integers
+    from tactile_ros.types import Array
 
 LONGEST = np.array([2e-3, 2e-3, 0.35])  # m, m, rad: steps
 RATIO = (0.4, 2.5)  # of depths from step to step
@@ -45,27 +45,6 @@ def shape_misfits(miss: Array, slopes: Array, away: Array) -> Array:
     told = np.linalg.solve(low, np.matmul(rows, miss[..., None]))[:, free:, 0]
     left = np.square(np.linalg.inv(low[:, free:, free:])).sum(axis=(1, 2))
     return np.asarray(np.square(told).sum(axis=1) / np.maximum(heads - left, FEWEST))
-
-
-def supports_of(
-    presses: Presses, labels: Integers, number: Integers, matches: Matches | None,
-    bank: PressBank | None,
-) -> SupportSet:  # fmt: skip
-    """Presses (n) as supports of classes, with what the most alike template of each changes by.
-
-    `number` (n,) says which press each is a window of; without a bank nothing is known to change.
-    """
-    n, d = presses.pattern.shape
-    slopes, bends = np.zeros((n, 3, d)), np.zeros((n, d))
-    if matches is not None and bank is not None and n:
-        best = matches.cost.argmin(axis=1)
-        pose, slopes = matches.pose[np.arange(n), best], matches.slopes[np.arange(n), best, :3]
-        terms = bank.at(best, pose[:, :3])[:, 0]
-        deep = pose[:, 3, None]
-        bends = deep**2 * terms[:, 1] + 2 * deep**3 * terms[:, 2]
-    return SupportSet(
-        presses.pattern, presses.frames, labels, number, np.ones(n), slopes, bends
-    )
 
 
 USUAL = 0.12  # of the body: depth of the templates that are searched

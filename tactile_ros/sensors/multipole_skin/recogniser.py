@@ -27,7 +27,7 @@ from tactile_ros.estimators.few_shot import (
     support_scores,
     without_field,
 )
-from tactile_ros.estimators.press_search import PressSearch, supports_of
+from tactile_ros.estimators.press_search import PressSearch
 from tactile_ros.estimators.press_templates import PressBank
 from tactile_ros.estimators.prototypes import Prototypes
 
@@ -363,10 +363,22 @@ class Recogniser:
     def supports(
         self, presses: Presses, labels: Integers, number: Integers, matches: Matches | None = None
     ) -> SupportSet:
-        """Windows of presses by number as supports of their classes."""
+        """Windows of presses by number as supports of their classes.
+
+        With what the most alike template of each changes by; without templates nothing is known.
+        """
+        n, d = presses.pattern.shape
+        slopes, bends = np.zeros((n, 3, d)), np.zeros((n, d))
         matches = self.matches(presses) if matches is None else matches
-        bank = None if self.search is None else self.search.bank
-        return supports_of(presses, labels, number, matches, bank)
+        if matches is not None and self.search is not None and n:
+            each, best = np.arange(n), matches.cost.argmin(axis=1)
+            pose, slopes = matches.pose[each, best], matches.slopes[each, best, :3]
+            terms = self.search.bank.at(best, pose[:, :3])[:, 0]
+            deep = pose[:, 3, None]
+            bends = deep**2 * terms[:, 1] + 2 * deep**3 * terms[:, 2]
+        return SupportSet(
+            presses.pattern, presses.frames, labels, number, np.ones(n), slopes, bends
+        )
 
     def strength(self, presses: Presses) -> Array:
         """Strongest reading of each press over its noise, without any uniform field."""
@@ -455,16 +467,6 @@ class Recogniser:
             return class_chances(scores, np.zeros_like(misfits), 0.0, 1.0)
         return class_chances(scores, misfits, self.usual_, self.vary_)
 
-    @staticmethod
-    def decide(labels: Integers, chances: Array, none: Array) -> tuple[Integers, Array]:
-        """Label and its probability for each press; -1 and NaN where none of them is likelier."""
-        n = len(chances)
-        if not len(labels):
-            return np.full(n, -1), np.full(n, np.nan)
-        best = chances.argmax(axis=1)
-        chance = chances[np.arange(n), best]
-        return np.where(chance > none, labels[best], -1), np.where(chance > none, chance, np.nan)
-
     def answer(self, presses: Presses) -> Answers:
         """Estimate label, place and turn of presses (n)."""
         n = len(presses.pattern)
@@ -478,7 +480,11 @@ class Recogniser:
             matches = self.matches(some) if self.described else None
             labels, scores, misfits = self.scores(some, matches, self.known_, self.road_)
             chances, none = self.chances(scores, misfits)
-            label[firm], probability[firm] = self.decide(labels, chances, none)
+            if len(labels):
+                best = chances.argmax(axis=1)
+                chance = chances[np.arange(len(best)), best]
+                label[firm] = np.where(chance > none, labels[best], -1)
+                probability[firm] = np.where(chance > none, chance, np.nan)
             if matches is not None:
                 weight = self.weights(matches, labels, chances, none)
                 pose[firm], stated, order[firm] = self.placed(matches, label[firm], weight)
