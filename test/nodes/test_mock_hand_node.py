@@ -91,7 +91,9 @@ def test_a_point_is_reached_at_its_time_and_a_stranger_is_refused(ros: Ros) -> N
     assert 3 <= len(moving) <= 5
 
 
-@pytest.mark.parametrize(('fault', 'count', 'finite'), [('partial', 15, True), ('nan', 16, False)])
+@pytest.mark.parametrize(
+    ('fault', 'count', 'finite'), [('partial', 15, True), ('nan', 16, False), ('frozen', 16, True)]
+)
 def test_faults_are_those_that_were_asked_for(
     ros: Ros, fault: str, count: int, finite: bool
 ) -> None:
