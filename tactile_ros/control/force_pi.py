@@ -82,19 +82,6 @@ class Stiffness:
 class ForcePi:
     """Command of one drive: moved at a speed, or regulated on force.
 
-    Attributes
-    ----------
-    command, contact : float
-        Last closure, and that at which it met the object; NaN: none yet.
-    free : float
-        Closure where dead time and lag have taken the drive by now if nothing is in its way.
-    touched : float
-        Time for which it was regulated since it met the object (s).
-    limited : bool
-        Whether the last step was clamped or rate limited.
-    stop : str
-        Limit of the hand that lets the drive close no further now; empty: none.
-
     Examples
     --------
     >>> from tactile_ros.control.config import Drive, GripConfig
@@ -114,13 +101,15 @@ class ForcePi:
 
     def reset(self, closure: float, contact: float = nan) -> None:
         """Begin at rest at a closure: the next command starts there, whatever the error is."""
-        self.command = self.free = self._target = bounded(closure, -FARTHEST, PRESSED)
-        self.contact = contact
+        self.command = self._target = bounded(closure, -FARTHEST, PRESSED)  # last closure
+        self.contact = contact  # closure at which it met the object; NaN: none yet
+        self.free = self.command  # where the drive is by now if nothing is in its way
         self._waiting.clear()
         self._integral = self._gain = self._wanted = self._from = nan
         self._goal = self._follows = nan
-        self.touched = 0.0
-        self.limited, self.stop = False, ''
+        self.touched = 0.0  # time of regulation since it met the object (s)
+        self.limited = False  # the last step was clamped or rate limited
+        self.stop = ''  # limit of the hand that lets it close no further now; empty: none
 
     def meet(self, closure: float) -> None:
         """End the approach where it is now: as measured, or by the model where that is further."""

@@ -37,17 +37,6 @@ class SlipMargin:
 
     The config gives the assumed friction, and the time in which a slip is forgotten.
 
-    Attributes
-    ----------
-    friction : float
-        Coefficient that the last slip taught; NaN until then.
-    margin : float
-        (mu fn - ft) / (mu fn) with the design friction; NaN below ten sigma or not known.
-    load : float
-        Tangential load (N); NaN where it is not known.
-    slipping : bool
-        Whether it slips now.
-
     Notes
     -----
     Vibration is the root mean square of second differences over sqrt(6), which is the standard
@@ -69,7 +58,7 @@ class SlipMargin:
 
     def reset(self) -> None:
         """Forget the object: another may have another friction."""
-        self.friction = nan
+        self.friction = nan  # coefficient that the last slip taught; NaN until then
         self._held = self._faith = 0.0
         self._slips = 0
         self.invalidate()
@@ -78,8 +67,9 @@ class SlipMargin:
         """Forget the last forces, after which others have gone unseen; friction stays."""
         self._newest = self._older = self._peak = self._press = self._power = nan
         self._square, self._steps, self._steepest = 0.0, 0, 0.0
-        self.margin = self.load = nan
-        self.slipping = False
+        self.margin = nan  # (mu fn - ft) / (mu fn); NaN below ten sigma or not known
+        self.load = nan  # tangential (N); NaN where it is not known
+        self.slipping = False  # now
 
     def step(
         self,

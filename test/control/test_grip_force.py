@@ -262,15 +262,6 @@ def test_grip_force_release_opens_and_ends() -> None:
     assert one.world.closure[0] == pytest.approx(0.0, abs=0.01)
 
 
-def test_grip_force_tare_of_a_finger_that_holds_is_a_fault() -> None:
-    one = Run()
-    one.grasp()
-    one.law.tare(0)
-    made = one.run(0.1)
-    assert (made.phase, made.send) == (GripPhase.FAULT, False)
-    assert made.fault == 'finger 0 was tared while it holds: its sensor cannot be trusted'
-
-
 def test_grip_force_leaves_no_limit_or_rate_by_hostile_inputs() -> None:
     rng = np.random.default_rng(3)
     for _ in range(60):
