@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_ros.hands import Finger, list_hands, load_hand
@@ -35,6 +35,7 @@ def test_finger_path_has_three_postures_and_even_speed() -> None:
     assert finger.closure_of(np.array([-0.4])) == pytest.approx(-0.5)
 
 
+@settings(max_examples=40)
 @given(st.lists(st.floats(-2, 2), min_size=3, max_size=3))
 def test_finger_closure_of_a_position_is_the_nearest(position: list[float]) -> None:
     wanted = np.array(position)

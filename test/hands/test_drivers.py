@@ -96,29 +96,6 @@ def test_drivers_topics_types_order_and_rate(name: str) -> None:
     assert (mine.topics[-1].name, mine.states) == ('/my/command', '/my/states')
 
 
-def test_allegro_v5_fills_sixteen_names_and_positions_with_a_stamp() -> None:
-    message = blank()
-    load_hand('allegro_v5').driver.fill(message, command(16))
-    assert message.name == INDEX_FIRST
-    np.testing.assert_array_equal(message.position, np.arange(16) / 100)
-    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (3, 7)
-
-
-@pytest.mark.parametrize('name', ['qb_softhand', 'qb_softhand_2m', 'joint_trajectory'])
-def test_trajectory_drivers_fill_one_near_point_from_now(name: str) -> None:
-    message, driver = blank(), load_hand(name).driver
-    driver.fill(message, command(len(driver.joints)))
-    assert message.joint_names == list(driver.joints)
-    assert message.header.stamp.sec == message.header.stamp.nanosec == 0
-    (point,) = message.points
-    assert len(point.positions) == len(driver.joints)
-    horizon_s = point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
-    assert horizon_s == pytest.approx(driver.horizon_s)
-    if name.startswith('qb'):
-        assert 0.08 <= horizon_s <= 0.2
-        assert message.joint_names[0].endswith('synergy_joint')
-
-
 @pytest.mark.parametrize(('rate_hz', 'horizon_s'), [(25.0, 0.08), (100.0, 0.02), (250.0, 0.02)])
 def test_paced_keeps_a_joint_moving_until_the_next_point(rate_hz: float, horizon_s: float) -> None:
     hand = load_hand('joint_trajectory').paced(rate_hz)
@@ -197,13 +174,21 @@ def test_read_joint_states_by_name(names: list[str], position: list[float], sent
 @pytest.mark.parametrize('name', INTERFACES)
 def test_read_command_takes_what_fill_writes(name: str) -> None:
     driver = load_hand(name).driver
-    wanted = command(len(driver.joints), 0.2)
+    wanted, names = command(len(driver.joints), 0.2), list(driver.joints)
     for topic in driver.topics:
         message = blank()
         topic.fill(message, wanted)
-        values, _ = read_command(topic.kind, message, driver.joints)
+        values, horizon_s = read_command(topic.kind, message, driver.joints)
         effort = topic.name.endswith('efforts')
         np.testing.assert_array_equal(values, wanted.effort if effort else wanted.position)
+        stamp = message.header.stamp.sec, message.header.stamp.nanosec
+        is_state = topic.kind == 'sensor_msgs/msg/JointState'
+        assert stamp == ((3, 7) if is_state else (0, 0))  # a trajectory begins now
+        assert message.name == (names if is_state else [])
+        assert message.joint_names == (names if topic.kind == TRAJECTORY else [])
+        if topic.kind == TRAJECTORY:
+            assert horizon_s == pytest.approx(driver.horizon_s)
+            assert 0.08 <= horizon_s <= 0.2 or not name.startswith('qb')
 
 
 def test_in_order_names_the_missing() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_ros.control import GripConfig
@@ -112,6 +112,7 @@ def limiter(start: object = None, offset: float = OFFSET) -> JointLimiter:
     return made
 
 
+@settings(max_examples=40)
 @given(INSIDE, st.lists(st.tuples(ANYTHING, ANYTHING, st.floats(0.0, 0.1)), max_size=20))
 def test_joint_limiter_holds_limits_speed_and_offset_at_once_or_sends_nothing(
     start: tuple[float, float], steps: list[tuple[list[float], list[float], float]]
