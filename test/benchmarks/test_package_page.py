@@ -153,45 +153,28 @@ def test_what_is_no_result_is_named_and_left_out(
 
 
 REPLAYED = {
-    'schema': 1,
-    'command': 'tactile replay a.mcap',
-    'environment': {'python': '3.11'},
-    'recordings': [
+    'schema': 1, 'command': 'tactile replay a.mcap', 'environment': {'python': '3.11'},
+    'recordings': [{'recording': 'a.mcap', 'sensor': 'thumb', 'answers': [
         {
-            'recording': 'a.mcap',
-            'sensor': 'thumb',
-            'answers': [
-                {
-                    'estimator': 'ridge',
-                    'calibration': f'{name}.npz',
-                    'us_single': 50.0,
-                    'us_batch': None,
-                    'targets': {
-                        'position': {'unit': 'm', 'mean': 4e-4, 'rms': 5e-4},
-                        'force_z': {'unit': 'N', 'mean': 0.1, 'rms': error},
-                    },
-                }
-                for name, error in (('one', 0.2), ('two', 0.3))
-            ],
-        }
-    ],
-    'all': None,
-    'failed': {'b.mcap': f'b.mcap is no bag {HOSTILE}'},
-}
+            'estimator': 'ridge', 'calibration': f'{name}.npz', 'us_single': 50.0,
+            'us_batch': None, 'targets': {
+                'position': {'unit': 'm', 'mean': 4e-4, 'rms': 5e-4},
+                'force_z': {'unit': 'N', 'mean': 0.1, 'rms': error},
+            },
+        } for name, error in (('one', 0.2), ('two', 0.3))
+    ]}],
+    'all': None, 'failed': {'b.mcap': f'b.mcap is no bag {HOSTILE}'},
+}  # fmt: skip
 
 
 def test_a_saved_replay_stands_beside_the_benches(results: Path) -> None:
     (results / 'mine.json').write_text(json.dumps(REPLAYED))
     found = read_bench(results / 'mine.json')
-    assert [row.what for row in found.result.rows][:2] == [
-        'a.mcap: position, ridge, one.npz',
-        'a.mcap: force z, ridge, one.npz',
-    ]
+    what = ['a.mcap: position', 'a.mcap: force z']
+    named = [f'{one}, ridge, one.npz' for one in what]
+    assert [row.what for row in found.result.rows][:2] == named
     assert [row.ours for row in found.result.rows] == [0.4, 0.2, 0.4, 0.3]
-    assert [contest.title for contest in contests(found.result.rows)] == [
-        'a.mcap: position',
-        'a.mcap: force z',
-    ]
+    assert [contest.title for contest in contests(found.result.rows)] == what
     text = render_package(gather([results])[0], [], 'tactile report')
     assert '<h2>replay mine</h2>' in text
     assert f'left out: {REPLAYED["failed"]["b.mcap"]}' in unescape(text)

@@ -48,9 +48,9 @@ def answer_of(name: str, scale: float, seed: int, us: float = 50.0) -> Answer:
     truth = {'position': position, 'force': force}
     stamps = np.arange(240) * 100_000_000
     recording = Recording.from_arrays(LAYOUT, np.zeros((240, 5, 3)), stamp_ns=stamps, truth=truth)
+    off = np.append(rng.normal(0, 1e-3 * scale, (240, 2)), np.zeros((240, 1)), 1)
     known = {
-        'position': position
-        + np.append(rng.normal(0, 1e-3 * scale, (240, 2)), np.zeros((240, 1)), 1),
+        'position': position + off,
         'position_cov': np.tile(1e-6 * scale**2 * np.eye(3), (240, 1, 1)),
         'force': force + rng.normal(0, scale, (240, 3)),
         'force_cov': np.tile(scale**2 * np.eye(3), (240, 1, 1)),
@@ -62,24 +62,15 @@ def answer_of(name: str, scale: float, seed: int, us: float = 50.0) -> Answer:
 
 def result_of(**changes: object) -> Result:
     rng = np.random.default_rng(0)
+    answers = (answer_of('kernel_ridge', 0.4, 1, 60), answer_of(HOSTILE, 1.0, 2, 20))
     dataset = Dataset(
-        name='spatial',
-        summary='Held-out places.',
-        answers=(answer_of('kernel_ridge', 0.4, 1, 60), answer_of(HOSTILE, 1.0, 2, 20)),
-        frames=240,
-        dropped=3,
-        chips=LAYOUT.positions,
-        latency_s=1e-3 * rng.gamma(3, 0.5, 240),
-        agreement=Agreement(240, 7, {'force': 2e-13}),
-        problems=(f'/camera{HOSTILE} was left out',),
-    )
-    fields = {
-        'title': f'Replay {HOSTILE}',
-        'command': f'tactile replay {HOSTILE}',
-        'environment': {'python': '3.11', 'cpu': HOSTILE},
-        'datasets': (dataset,),
-    }
-    return Result(**{**fields, **changes})
+        'spatial', 'Held-out places.', answers, 240, 3, LAYOUT.positions,
+        1e-3 * rng.gamma(3, 0.5, 240), Agreement(240, 7, {'force': 2e-13}),
+        (f'/camera{HOSTILE} was left out',),
+    )  # fmt: skip
+    facts = {'python': '3.11', 'cpu': HOSTILE}
+    result = Result(f'Replay {HOSTILE}', f'tactile replay {HOSTILE}', facts, (dataset,))
+    return replace(result, **changes)
 
 
 class Checker(HTMLParser):
@@ -122,19 +113,11 @@ def test_figures_of_say_their_findings() -> None:
     (dataset,) = result_of().datasets
     figures = {f.title: f for f in figures_of(dataset, colours_of(result_of()))}
     assert [*figures] == [
-        'Where on the pad it errs',
-        'How far off the place is',
-        'Normal force against the scale',
-        'Shear force x against the scale',
-        'Are the covariances honest?',
-        'Speed against error',
-        'How late a contact is',
-        'Hysteresis of shear force x',
-        'Drift of normal force',
-        'Drift of shear force x',
-        'Normal force over time',
-        'Shear force x over time',
-    ]
+        'Where on the pad it errs', 'How far off the place is', 'Normal force against the scale',
+        'Shear force x against the scale', 'Are the covariances honest?', 'Speed against error',
+        'How late a contact is', 'Hysteresis of shear force x', 'Drift of normal force',
+        'Drift of shear force x', 'Normal force over time', 'Shear force x over time',
+    ]  # fmt: skip
     answer = dataset.answers[0]
     place, force = (answer.target(name).spread for name in ('position', 'force_z'))
     assert f'{1e3 * place.mean:.3g} mm on average' in figures['How far off the place is'].caption
