@@ -73,19 +73,16 @@ class Export:
 
     def add_bag(self, bag: ExportBag) -> None:
         """Say what could not be read of a bag, and what was not asked for."""
-        name = bag.path.name
-        self.left_out += [f'{name}: {sentence}' for sentence in bag.content.problems]
-        self.left_out += [f'{name}: {s}/frame: {why}' for s, why in bag.left_out.items()]
-        self.notes += [f'{name}: {sentence}' for sentence in bag.sentences]
+        bag.finish()
+        out = [*bag.content.problems, *(f'{s}/frame: {why}' for s, why in bag.left_out.items())]
+        self.left_out += [f'{bag.path.name}: {sentence}' for sentence in out]
+        self.notes += [f'{bag.path.name}: {sentence}' for sentence in bag.sentences]
         files = [bag.path] if bag.path.is_file() else bag.path.iterdir()
         self.read_bytes += sum(f.stat().st_size for f in files if f.suffix in ('.mcap', '.db3'))
 
 
 class TaxelForces:
-    """Newtons of every taxel of a sensor of a bag, by the calibration that fits it, if one does.
-
-    Only the normal force of a taxel can be estimated: x and y are NaN.
-    """
+    """Newtons of every taxel of a sensor by the calibration that fits it; x and y are NaN."""
 
     def __init__(self, pipelines: Sequence[Pipeline], piece: LoadedRecording) -> None:
         self._follower: Follower | None = None
@@ -98,8 +95,7 @@ class TaxelForces:
                 continue
             self.why = 'the calibration gives none'
             if 'taxel_force' in pipeline.estimators:
-                self._follower = Follower(pipeline, piece.calibrations)
-                self.why = ''
+                self._follower, self.why = Follower(pipeline, piece.calibrations), ''
                 return
 
     def of(self, piece: LoadedRecording) -> Array | None:
@@ -286,6 +282,5 @@ def write_tables(
                 rows = (table.rows[name] for name in ('frames', 'contacts', 'forces'))
                 done.rows.append((path.name, bag.sensors[space].name, *rows))
                 bag.note_forces(space, table.forces)
-            bag.finish()
             done.add_bag(bag)
     return done

@@ -285,11 +285,11 @@ def _results(job: Job) -> list[Dataset]:
         pipelines[name] = _opened(path, Path(path).stat().st_mtime_ns, get_ident())
     first = next(iter(pipelines.values()))
     file = Path(job.recording)
-    shipped = load_sensor(first.sensor).recordings()
-    if not file.exists() and job.recording in shipped:
-        one = LoadedRecording(job.recording, shipped[job.recording])
-        return [evaluate(one, pipelines, job.recording)]
     if not file.exists():
+        shipped = load_sensor(first.sensor).recordings()
+        if job.recording in shipped:
+            one = LoadedRecording(job.recording, shipped[job.recording])
+            return [evaluate(one, pipelines, job.recording)]
         names = ', '.join(shipped) or 'none'
         msg = f'{file} does not exist, and {first.sensor} ships only {names}'
         raise RecordingError(msg)
@@ -430,13 +430,11 @@ def save(
     whole = pooled(outcomes)
     results = [one for outcome in outcomes for one in outcome.results]
     document = {
-        'schema': SCHEMA,
-        'command': command,
-        'environment': dict(environment),
+        'schema': SCHEMA, 'command': command, 'environment': dict(environment),
         'recordings': [_sensor_json(one) for one in results],
         'all': None if whole is None else _sensor_json(whole),
         'failed': {o.job.recording: o.failure for o in outcomes if o.failure},
-    }
+    }  # fmt: skip
     arrays: Columns = {'schema': np.array(SCHEMA), 'bin_edges': BIN_EDGES}
     for i, one in enumerate(results):
         for j, found in enumerate(one.answers):

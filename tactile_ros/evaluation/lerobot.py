@@ -84,8 +84,7 @@ class Series:
 
     def held(self, times: Integers) -> Column:
         """Latest values until each time; before the first one the first."""
-        last = np.searchsorted(self.stamp_ns, times, side='right') - 1
-        return np.asarray(self.values[np.maximum(last, 0)])
+        return np.asarray(self.values[np.maximum(self.ends(times) - 1, 0)])
 
     def ends(self, times: Integers) -> Integers:
         """Number of samples until each time."""
@@ -263,7 +262,6 @@ class Episode:
                     part = Series(one.stamp_ns, single, (), one.layout)
                     parts.setdefault(f'observation.tactile{what}.{name}', []).append(part)
         hand = {feature: bag.joints(feature) for feature in ('observation.state', 'action')}
-        bag.finish()
         done.add_bag(bag)
         tactile = {key: Series.join(part) for key, part in sorted(parts.items())}
         stamps = [one.stamp_ns for one in tactile.values()]
@@ -278,12 +276,10 @@ class Episode:
             raise RecordingError(msg)
         images = {plain_name(topic): one for topic, one in bag.images.items() if one.shape}
         return cls(
-            bag.path,
-            tactile,
-            {feature: one for feature, one in hand.items() if one is not None},
+            bag.path, tactile, {feature: one for feature, one in hand.items() if one is not None},
             {f'observation.images.{topic}': one for topic, one in images.items()},
             begin - (-np.arange(count, dtype=np.int64) * NS_PER_S // fps),
-        )
+        )  # fmt: skip
 
     def largest_window(self, key: str) -> int:
         """Largest number of new samples of a frame; RecordingError where stamps stand still."""
@@ -418,8 +414,7 @@ class DataSet:
             {key: (one['shape'], one['names']) for key, one in listed.items()}
             for listed in (self._features, features)
         )
-        if ours != theirs:
-            differ = sorted(k for k in {*ours, *theirs} if ours.get(k) != theirs.get(k))
+        if differ := sorted(k for k in {*ours, *theirs} if ours.get(k) != theirs.get(k)):
             named = ', '.join(differ)
             msg = f'{episode.path} differs from the first bag in {named}; export it apart'
             raise RecordingError(msg)

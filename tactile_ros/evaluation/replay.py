@@ -134,18 +134,15 @@ def calibration_problems(
     named = ', '.join(digest[:12] for digest in calibrations)
     if pipeline.digest in calibrations:
         return (f'the bag was made with several calibrations: {named}',)
-    return (
-        f'the calibration {pipeline.digest[:12]} is not that of the bag ({named}): '
-        'its contacts must differ',
-    )
+    which = f'the calibration {pipeline.digest[:12]} is not that of the bag ({named})'
+    return (f'{which}: its contacts must differ',)
 
 
 def failure_problems(pipeline: Pipeline, before: int = 0) -> tuple[str, ...]:
     """Sentence about the frames that could not be estimated, beyond so many."""
     count = pipeline.failures - before
-    if not count:
-        return ()
-    return (f'{count} frames cannot be estimated and count as lost ({pipeline.failure})',)
+    sentence = f'{count} frames cannot be estimated and count as lost ({pipeline.failure})'
+    return (sentence,) if count else ()
 
 
 class Follower:
@@ -423,12 +420,8 @@ def with_tare_rows(loaded: LoadedRecording) -> tuple[Recording, str]:
         return recording, ''
     rows = {stamp: row for row, stamp in enumerate(recording.stamp_ns.tolist())}
     # the first baseline of a stream is no tare: it comes with the frame that it holds for
-    tares = [
-        (baseline, rows.get(baseline.stamp_ns or 0, -1))
-        for baseline in loaded.baselines
-        if baseline.averaged
-    ]
-    tares = [(one, row) for one, row in tares if row < 0 or recording.sequence[row] < one.sequence]
+    named = ((one, rows.get(one.stamp_ns or 0, -1)) for one in loaded.baselines if one.averaged)
+    tares = [(one, row) for one, row in named if row < 0 or recording.sequence[row] < one.sequence]
     if not tares:
         return recording, ''
     sound = _undamaged(loaded)
