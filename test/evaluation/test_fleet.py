@@ -53,6 +53,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Pa
     write_bag(place / 'one', n=40)
     write_bag(place / 'two', n=30, lost=(4, 5))
     save_recording(spatial.select(slice(0, 200)), place / 'rows.npz')
+    save_recording(spatial.select(slice(300, 400)), place / 'more.npz')
     (place / 'broken').mkdir()
     return place
 
@@ -64,15 +65,15 @@ def jobs_of(folder: Path, *names: str) -> list[Job]:
 
 def test_a_failed_recording_is_an_outcome_and_the_rest_is_merged(folder: Path) -> None:
     heard: list[str] = []
-    jobs = jobs_of(folder, 'one', 'broken', 'two', 'rows.npz', 'missing')
+    jobs = jobs_of(folder, 'one', 'broken', 'two', 'rows.npz', 'missing', 'more.npz')
     found = run_jobs(jobs, done=lambda outcome: heard.append(outcome.job.recording))
     assert heard == [job.recording for job in jobs]
-    assert [bool(outcome.failure) for outcome in found] == [False, True, False, False, True]
+    assert [bool(outcome.failure) for outcome in found] == [False, True, False, False, True, False]
     assert 'holds no bag' in found[1].failure
     assert 'does not exist' in found[4].failure
     whole = pooled(found)
     assert whole is not None
-    assert whole.frames == 40 + 28 + 200
+    assert whole.frames == 40 + 28 + 200 + 100
     assert whole.dropped == 2
     assert [answer.calibration for answer in whole.answers] == ['a', 'b']
     twice = replace(jobs[0], calibrations=(str(folder / 'a.npz'), str(folder / 'again' / 'a.npz')))
@@ -81,7 +82,7 @@ def test_a_failed_recording_is_an_outcome_and_the_rest_is_merged(folder: Path) -
     (one,) = run_job(twice).results
     assert [answer.calibration for answer in one.answers] == list(twice.calibrations)
     columns, rows = table(found)
-    assert len(rows) == 4 * 2
+    assert len(rows) == 5 * 2
     assert {row[columns.index('calibration')] for row in rows} == {'a', 'b'}
     text, arrays = save(folder / 'saved', found, 'tactile replay', environment())
     document = json.loads(text.read_text())

@@ -217,6 +217,21 @@ def test_garbage_in_place_of_messages_never_raises_anything_else(
     assert one.contacts is not None
 
 
+def test_restarted_counter_begins_a_new_stream(
+    put: Put, make: SimpleNamespace, tmp_path: Path
+) -> None:
+    for space in ('/thumb', '/index'):
+        put(f'{space}/layout', make.layout())
+    for k, sequence in enumerate([0, 1, 2, 0, 1]):
+        for space, force in (('/thumb', k), ('/index', -k)):
+            put(f'{space}/frame', make.frame(sequence, np.zeros(15), 1000 + k), k)
+            put(f'{space}/truth/contacts', make.contacts(sequence, 0, force=(force, 0, 0)), k)
+    for loaded, sign in zip(load(tmp_path / 'bag').recordings, (-1, 1), strict=True):
+        assert loaded.recording.stream.tolist() == [0, 0, 0, 1, 1]
+        force = loaded.recording.truth['force'][:, 0]
+        assert force.tolist() == [sign * k for k in range(5)]  # heard beside its frame
+
+
 def test_truth_of_other_instruments_is_taken_at_the_nearest_time(
     put: Put, make: SimpleNamespace, tmp_path: Path
 ) -> None:
