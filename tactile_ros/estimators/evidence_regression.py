@@ -46,19 +46,11 @@ class Moments:
         square = float((y * y).sum() if weight is None else (y * y * weight[:, None]).sum())
         return cls(scaled.T @ terms, scaled.T @ y, square, y.size)
 
-    def evidence(self, spread: Array, least: float = 0.0) -> float:
-        """Log evidence, up to a constant, for prior sigmas (p,) in units of the noise.
+    def evidence(self, spread: Array, least: float = 0.0) -> tuple[float, Array]:
+        """Log evidence for prior sigmas (p,) over the noise, and its slope (p,) by their logs.
 
-        The noise is the most probable one, at least `least`.
+        It is up to a constant, for the most probable noise, which is at least `least`.
         """
-        factor, misfit = self._factor(spread)
-        volume = 2 * self.cross.shape[1] * np.log(np.diagonal(factor)).sum()
-        noise = max(misfit / self.rows, least * least)
-        excess = misfit / noise - self.rows
-        return float(-0.5 * (self.rows * np.log(noise) + excess + volume))
-
-    def slope(self, spread: Array, least: float = 0.0) -> tuple[float, Array]:
-        """Log evidence, and its derivative (p,) by the logarithms of the prior sigmas."""
         factor, misfit = self._factor(spread)
         outputs = self.cross.shape[1]
         volume = 2 * outputs * np.log(np.diagonal(factor)).sum()
@@ -105,61 +97,32 @@ class HyperPrior:
     mean: Array  # (h,)
     sigma: Array  # (h,)
 
-    def maximise(
-        self, moments: Moments, prior: Prior, start: Array | None = None, least: float = 0.0
-    ) -> tuple[float, Array]:
-        """Most probable hyperparameters.
+    def maximise(self, moments: Moments, prior: Prior, least: float = 0.0) -> Array:
+        """Most probable hyperparameters (h,) of a regression with at least some noise.
 
-        Parameters
-        ----------
-        moments : Moments
-            Of the regression.
-        prior : callable
-            Hyperparameters (h,) -> logarithms (p,) of the prior sigmas over the noise, and their
-            derivatives (h, p).
-        start : ndarray, shape (h,), optional
-            Where the search begins; the mean by default.
-        least : float
-            Least noise.
-
-        Returns
-        -------
-        level : float
-            Log evidence with the hyperparameters' own prior.
-        hyperparameters : ndarray, shape (h,)
+        `prior` gives logarithms (p,) of the prior sigmas over the noise, and their derivatives
+        (h, p), of hyperparameters.
         """
 
         def cost(theta: Array) -> tuple[float, Array]:
             spread, along = prior(theta)
-            level, slope = moments.slope(np.exp(spread), least)
+            level, slope = moments.evidence(np.exp(spread), least)
             off = (theta - self.mean) / self.sigma
             return 0.5 * float(off @ off) - level, off / self.sigma - along @ slope
 
         low, high = self.mean - 3 * self.sigma, self.mean + 3 * self.sigma
         found = minimize(
-            cost, self.mean if start is None else start, jac=True, method='L-BFGS-B',
+            cost, self.mean, jac=True, method='L-BFGS-B',
             bounds=np.stack([low, high], axis=1), options={'maxiter': STEPS, 'ftol': 1e-7},
         )  # fmt: skip
-        return -float(found.fun), np.asarray(found.x)
+        return np.asarray(found.x)
 
 
 def leave_groups_out(half: Array, error: Array, groups: Integers) -> tuple[Array, Array]:
-    """Errors of rows by a linear regression without their group.
+    """Errors (s,) and variances (s,), over the noise, of rows by a regression without their group.
 
-    Parameters
-    ----------
-    half : ndarray, shape (s, p)
-        Terms times the transposed root of the weights' covariance, over the noise.
-    error : ndarray, shape (s,)
-        Targets minus the regression with all rows, over the noise.
-    groups : ndarray of int, shape (s,)
-        Left out together.
-
-    Returns
-    -------
-    error, variance : ndarray, shape (s,)
-        Errors without the group, and the variance of the regression without it, in units of the
-        noise; (I - H)^-1 e with H = half half^T.
+    They are (I - H)^-1 e with H = half half^T: `half` (s, p) are terms times the transposed root
+    of the weights' covariance, `error` (s,) those of the regression with all rows.
     """
     alone, variance = np.empty(len(error)), np.empty(len(error))
     for group in np.unique(groups):

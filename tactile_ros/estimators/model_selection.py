@@ -18,22 +18,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Selection:
-    """Outcome of a choice, with what the winner said about rows that it had not seen.
-
-    Attributes
-    ----------
-    errors : dict of str to float
-        Root mean square length of the error of each candidate on held-out rows (unit of y).
-    predictions : ndarray, shape (s, k)
-        What the winner said about them when its training had none of their group.
-    """
+    """Outcome of a choice, with what the winner said about rows that it had not seen."""
 
     name: str  # of the winner
-    errors: dict[str, float]
+    errors: dict[str, float]  # root mean square length of each candidate's error (unit of y)
     x: Array  # (s, d) features of the held-out rows
     y: Array  # (s, k) their targets (unit of y)
     groups: Integers  # (s,) their groups
-    predictions: Array
+    predictions: Array  # (s, k) of the winner, trained with none of their group
 
     @property
     def residuals(self) -> Array:
@@ -47,28 +39,10 @@ def select(
 ) -> Selection:  # fmt: skip
     """Let candidates predict groups that they were not trained on, and name the best.
 
-    Parameters
-    ----------
-    candidates : mapping of str to Estimator
-        By name; they are copied, not fitted. Of equal errors the first wins.
-    x : ndarray, shape (s, d)
-        Features.
-    y : ndarray, shape (s, k)
-        Targets, all of one unit.
-    groups : ndarray of int, shape (s,), or None
-        What a split keeps together; None, or one for all: every row stands alone.
-    folds : int
-        Parts into which groups are dealt; fewer where there are fewer groups.
-    rounds : int or None
-        How many of the folds are held out in turn; None: all. Fewer cost less, and judge fewer
-        rows.
-    seed : int
-        Of the deal.
-
-    Returns
-    -------
-    Selection
-        Its rows are the finite ones that were held out, in an order of their own.
+    Candidates are copied, not fitted; of equal errors the first wins. Features are (s, d), targets
+    (s, k) of one unit. A split keeps groups (s,) together; None, or one for all: every row stands
+    alone. They are dealt to `folds`, of which some `rounds` are held out in turn; None: all. The
+    rows of the selection are the finite ones that were held out, in an order of their own.
 
     Raises
     ------
@@ -107,3 +81,19 @@ def _unseen(candidate: Estimator, rows: TrainingRows, held: Integers) -> Array:
     seen[held] = len(held) == len(seen)
     known = rows.take(seen)
     return copy.deepcopy(candidate).fit(known.x, known.y, known.groups).predict(rows.x[held])
+
+
+def held_out_report(
+    residuals: Array, sigma: Array, groups: Integers, rows: int, errors: Mapping[str, float]
+) -> dict[str, float]:
+    """Figures of residuals (s, k), NaN: none, and of their sigmas; errors of all candidates."""
+    length = np.sqrt((residuals**2).sum(axis=1))
+    known = np.isfinite(residuals)
+    return {
+        'held_out_mean': float(np.nanmean(length)),
+        'held_out_rmse': float(np.sqrt(np.nanmean(length**2))),
+        'inside_one_sigma': float((np.abs(residuals) <= sigma)[known].mean()),
+        'groups': float(len(np.unique(groups))),
+        'rows': float(rows),
+        **{f'rmse_{name}': error for name, error in sorted(errors.items())},
+    }

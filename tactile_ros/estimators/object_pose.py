@@ -765,6 +765,4 @@ def first_state(fields: ObjectFields, x: float, y: float, yaw: float) -> Array:
 def nothing(taxels: int) -> Found:
     """None of these."""
     blank = np.zeros(taxels)
-    return Found(
-        -1, np.nan, np.full(3, np.nan), np.full((3, 3), np.nan), -1, blank, blank, np.nan
-    )
+    return Found(-1, np.nan, np.full(3, np.nan), np.full((3, 3), np.nan), -1, blank, blank, np.nan)

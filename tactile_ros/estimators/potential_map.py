@@ -94,13 +94,6 @@ def write_terms(place: Array, size: Array, out: Array) -> None:
 
 
 @compiled
-def write_all_terms(places: Array, size: Array, out: Array) -> None:
-    """Write terms and derivatives (s, 3, m) at places (s, 2)."""
-    for s in range(len(places)):
-        write_terms(places[s], size, out[s])
-
-
-@compiled
 def newton_step(
     u: Array, weights: Array, size: Array, p: Array, terms: Array, slope: Array, step: Array
 ) -> float:
@@ -132,16 +125,8 @@ def invert_rows(
 ) -> None:  # fmt: skip
     """Write places (s, 2) and covariances (s, 2, 2) of potentials (s, k); NaN where one is NaN.
 
-    Parameters
-    ----------
-    u, size, weights : ndarray, shapes (s, k), (2,) and (k, m)
-        Potentials, edges of the sheet (m), and weights of the terms.
-    box : ndarray, shape (2, 2)
-        Least and largest place (m).
-    noise, cells : float, and ndarray of shape (n, n, k, k)
-        Variance of a potential, and covariance of the calibration over the sheet.
-    place, cov : ndarray, shapes (s, 2) and (s, 2, 2)
-        Where the descent starts, and ends; overwritten.
+    `place` is where the descent starts; `noise` is the variance of a potential, `cells`
+    (n, n, k, k) the covariance of the calibration over the sheet, `box` the attribute.
     """
     count, far = u.shape[1], cells.shape[0] - 1
     terms, gain, step = np.empty((3, weights.shape[1])), np.empty((count, 2)), np.empty(2)
@@ -200,10 +185,7 @@ class Replicates:
 class PotentialMap:
     """Potentials as almost harmonic functions of place, inverted frame by frame.
 
-    Parameters
-    ----------
-    size : ndarray, shape (2,)
-        Of the sheet, with a corner at the origin (m).
+    The sheet of `size` (2,) (m) has a corner at the origin.
     """
 
     hyper_: Array  # (4,) hyperparameters
@@ -237,7 +219,7 @@ class PotentialMap:
             build = self._combination(corners)
             terms = np.einsum('nm,kmp->knp', elementary, build)
             moments = Moments.of(terms.reshape(len(target), -1), target)
-            _, self.hyper_ = HYPER.maximise(moments, _prior_of(count), None, known.least)
+            self.hyper_ = HYPER.maximise(moments, _prior_of(count), known.least)
             weights, root, _ = moments.solve(np.exp(_prior_of(count)(self.hyper_)[0]))
             self.weights_ = build @ weights[:, 0]
             corners = np.asarray(self.weights_ @ at_corners.T)
@@ -277,12 +259,9 @@ class PotentialMap:
         return place, covariance
 
     def fit_held_out(self, x: Array, y: Array, groups: Integers) -> tuple[Array, Array]:
-        """Fit, and return what fits without each row's group would err by.
+        """Fit, and return errors (s, 2) (m), with their covariances, without each row's group.
 
-        Returns
-        -------
-        errors, covariance : ndarray, shapes (s, 2) and (s, 2, 2)
-            Of places (m) and (m2); by linearisation.
+        Both are by linearisation.
         """
         known, terms, root = self._fit(x, y)
         first = np.zeros(len(known.places), np.int64)
@@ -306,7 +285,8 @@ class PotentialMap:
     def _terms(self, places: Array) -> Array:
         """Terms and derivatives (n, 3, m) at places (n, 2)."""
         table = np.empty((len(places), 3, TERMS))
-        write_all_terms(np.ascontiguousarray(places), self.size, table)
+        for place, row in zip(places, table, strict=True):
+            write_terms(place, self.size, row)
         return table
 
     def _combination(self, corners: Array) -> Array:

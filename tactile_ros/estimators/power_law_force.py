@@ -17,8 +17,7 @@ import numpy as np
 from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.evidence_regression import HyperPrior, Moments, leave_groups_out
 from tactile_ros.estimators.regression import fitted, training_rows
-from tactile_ros.physics.compiled import compiled
-from tactile_ros.physics.resistive_sheet import SeriesResistance, series_resistance
+from tactile_ros.physics.resistive_sheet import SeriesResistance
 from tactile_ros.types import Array, Integers
 
 if TYPE_CHECKING:
@@ -56,61 +55,6 @@ CELLS = 41  # along an edge, in which the variance of the calibration is tabulat
 LEVELS = 3
 
 
-@compiled
-def clip(value: float, low: float, high: float) -> float:
-    """A number between two others; the lower one for NaN."""
-    if value > high:
-        return high
-    return value if value > low else low
-
-
-@compiled
-def force_rows(
-    x: Array, table: Array, bend: float, film: Array, sheet: float, series: Array, cells: Array,
-    noise: Array, level: Array, variance: Array,
-) -> None:  # fmt: skip
-    """Write logarithms of forces over the gap (s,), and their variances (s,).
-
-    Parameters
-    ----------
-    x : ndarray, shape (s, 3..)
-        Place in units of the sheet's edges, and R over R0.
-    table, bend : ndarray, shape (n, n, 4), and float
-        Factors of cosines of the fields; of the square of the film's logarithm.
-    film, sheet, series : ndarray of shape (3,), float, and ndarray of shape (4,)
-        Least and largest film, and the middle of its logarithm; Rx over the nominal one, whose
-        law follows.
-    cells, noise : ndarray, shapes (m, m, 3) and (2,)
-        Log variance of the calibration by place, a polynomial in the film's logarithm; variance
-        of the divider over the squared film, and of the force beside it.
-    level, variance : ndarray, shape (s,)
-        Overwritten.
-    """
-    count, far = table.shape[0], cells.shape[0] - 1
-    waves, total = np.ones((2, count)), np.empty(FIELDS)
-    for s in range(len(x)):
-        for i in range(2):
-            waves[i, 1] = math.cos(clip(x[s, i], 0.0, 1.0) * math.pi / WIDTH)
-            for n in range(2, count):
-                waves[i, n] = 2.0 * waves[i, 1] * waves[i, n - 1] - waves[i, n - 2]
-        total[:] = 0.0
-        for i in range(count):
-            for j in range(count):
-                both = waves[0, i] * waves[1, j]
-                for k in range(FIELDS):
-                    total[k] += both * table[i, j, k]
-        own = x[s, 2] - sheet * series_resistance(x[s, 0], x[s, 1], series)
-        own = clip(own, film[0], film[1])
-        log = math.log(own) - film[2]
-        level[s] = total[0] + log * (total[1] + log * bend)
-        level[s] += total[2] * film[0] / own + total[3] * own / film[1]
-        a = int(clip(x[s, 0], 0.0, 1.0) * far + 0.5)
-        b = int(clip(x[s, 1], 0.0, 1.0) * far + 0.5)
-        ratio = (1.0 + x[s, 2]) ** 2 / own
-        variance[s] = noise[0] * ratio * ratio + noise[1]
-        variance[s] += math.exp(cells[a, b, 0] + log * (cells[a, b, 1] + log * cells[a, b, 2]))
-
-
 class PowerLawForce:
     """Logarithm of force by that of the film's resistance, with smoothly varying factors.
 
@@ -135,12 +79,14 @@ class PowerLawForce:
     steep_: float  # slope of the logarithm of force over that of the film, all over the sheet
     rough_: float  # relative error of a force beside the divider's, over the noise
     film_: Array  # (3,) least and largest film over R0, and the middle of its logarithm
-    table_: Array  # (n, n, 4) factors of cosines of the fields
+    table_: Array  # (n n, 4) factors of cosines of the fields
     bend_: float  # of the square of the logarithm
     linear_: Array  # (m,) weights of the further features
     linear_covariance_: Array  # (m, m) theirs
-    noise_: Array  # (2,) and
-    cells_: Array  # (g, g, 3), as in `force_rows`
+    noise_: Array  # (2,) variance of the divider over the squared film, and of the force beside it
+    cells_: (
+        Array  # (g, g, 3) log variance of the calibration, a polynomial in the film's logarithm
+    )
     most_: float  # logarithm of the largest answer
 
     def __init__(
@@ -159,19 +105,10 @@ class PowerLawForce:
     def fit_held_out(
         self, x: Array, y: Array, groups: Integers, like: PowerLawForce | None = None
     ) -> tuple[Array, Array]:
-        """Fit, and return what fits without each row's group would err by.
+        """Fit, and return errors (s,) (N) and variances (s,) (N2) without each row's group.
 
-        Parameters
-        ----------
-        x, y, groups : ndarray, shapes (s, 3..), (s, 1) and (s,)
-            As in `fit`, finite.
-        like : PowerLawForce, optional
-            Where hyperparameters are taken from, rather than chosen.
-
-        Returns
-        -------
-        errors, variance : ndarray, shape (s,)
-            Of forces (N) and (N2); NaN in rows without force and beyond `MOST_ROWS`.
+        Rows are as in `fit`, and finite; those without force or beyond `MOST_ROWS` give NaN.
+        Hyperparameters are those of `like`, where there is one, rather than chosen.
         """
         there = np.flatnonzero((y[:, 0] > 0) | (y[:, 0] <= 0).all())
         there = there[np.linspace(0, len(there) - 1, min(len(there), MOST_ROWS)).astype(np.int64)]
@@ -204,11 +141,7 @@ class PowerLawForce:
     def _scale_cells(
         self, places: Array, error: Array, sigma: Array, variance: Array, groups: Integers
     ) -> Array:
-        """Scale the variance of the calibration by mean errors of groups left out.
-
-        Places (s, 2), logarithmic errors (s,), noise (s,) and variances over the noise's (s,) of
-        the rows; returns the scale of their variances (s,).
-        """
+        """Scale (s,) of the calibration's variances (s,), over the noise's, by groups left out."""
         index = np.unique(groups, return_inverse=True)[1].reshape(-1)
         count = np.bincount(index)
         if len(count) < FEWEST_GROUPS:
@@ -235,13 +168,17 @@ class PowerLawForce:
         The variance is relative to the square of the force over the gap.
         """
         fitted(self, 'cells_')
-        level, variance = np.empty(len(x)), np.empty(len(x))
-        force_rows(
-            np.ascontiguousarray(x), self.table_, self.bend_, self.film_, self.sheet_,
-            self.series.law, self.cells_, self.noise_, level, variance,
-        )  # fmt: skip
-        if x.shape[1] > 3:
-            level += np.einsum('sm,m->s', x[:, 3:], self.linear_)
+        places = np.clip(np.nan_to_num(x[:, :2]), 0.0, 1.0)
+        film = np.clip(self._film(x), *self.film_[:2])
+        shapes = self._shapes(film)
+        # no product of matrices: its sums run otherwise for one frame than for many
+        total = np.einsum('sp,pk->sk', _cosines(places / WIDTH), self.table_)
+        level = np.einsum('sk,sk->s', total, shapes[:, :FIELDS]) + self.bend_ * shapes[:, BEND]
+        level += np.einsum('sm,m->s', x[:, 3:], self.linear_[: x.shape[1] - 3])
+        a, b = (places * (CELLS - 1) + 0.5).astype(np.int64).T
+        known = np.einsum('sl,sl->s', self.cells_[a, b], shapes[:, 1:2] ** np.arange(LEVELS))
+        ratio = np.square((1.0 + x[:, 2]) ** 2 / film)
+        variance = self.noise_[0] * ratio + self.noise_[1] + np.exp(known)
         return np.exp(np.minimum(level, self.most_)) + self.gap_, variance
 
     def _choose(self, x: Array, force: Array, places: int) -> None:
@@ -257,7 +194,7 @@ class PowerLawForce:
         found = []
         for share in GAPS:
             self.gap_, self.steep_ = share * float(force.min()), -1.0
-            film, net = np.log(self._film(x)), np.log(force - self.gap_)
+            film, net = np.log(self._film_of_fit(x)), np.log(force - self.gap_)
             if np.ptp(film) > 1e-6:
                 self.steep_ = min(float(np.polyfit(film, net, 1)[0]), FLATTEST)
             found.append((self._evidence(x, force), self.gap_, self.steep_))
@@ -276,24 +213,29 @@ class PowerLawForce:
             best, chosen = level, self.rough_
         self.rough_ = chosen
         moments = self._moments(x, force - self.gap_)[0]
-        self.hyper_ = HYPER.maximise(moments, self._prior(x.shape[1] - 3))[1]
+        self.hyper_ = HYPER.maximise(moments, self._prior(x.shape[1] - 3))
 
     def _evidence(self, x: Array, force: Array) -> float:
         """Log evidence of forces with what is chosen so far."""
         moments, volume, _, _ = self._moments(x, force - self.gap_)
         prior = self._prior(x.shape[1] - 3)(self.hyper_)[0]
-        return moments.evidence(np.exp(prior)) + volume
+        return moments.evidence(np.exp(prior))[0] + volume
 
     def _moments(self, x: Array, net: Array) -> tuple[Moments, float, Array, Array]:
         """Moments of forces over the gap, log volume of their weights, terms and scatter (s,)."""
-        film, scatter, target = self._film(x), self._scatter(x), np.log(net)[:, None]
+        film, scatter = self._film_of_fit(x), self._scatter(x)
+        target = np.log(net)[:, None]
         terms = self._terms(x[:, :2], film, x[:, 3:])
         volume = -0.5 * float(np.log(scatter).sum()) - float(target.sum())
         return Moments.of(terms, target, 1 / scatter), volume, terms, scatter
 
     def _film(self, x: Array) -> Array:
+        """Film (s,) over R0."""
+        return np.asarray(x[:, 2] - self.sheet_ * self.series.at(x[:, :2]))
+
+    def _film_of_fit(self, x: Array) -> Array:
         """Film (s,) over R0 of the rows of a fit, which sets the range."""
-        film = x[:, 2] - self.sheet_ * self.series.at(x[:, :2])
+        film = self._film(x)
         level = np.log(np.maximum(film, np.maximum(LEAST_FILM * x[:, 2], 1e-6)))
         low, high = float(level.min()), float(level.max())
         more = BEYOND * max((high - low) / 2, 1e-3)
@@ -304,17 +246,21 @@ class PowerLawForce:
         """Variance (s,) of the logarithm of a force about the curve of its place."""
         if self.noise <= 0:
             return np.full(len(x), UNKNOWN_NOISE**2)
-        ratio = (1.0 + x[:, 2]) ** 2 / self._film(x)
+        ratio = (1.0 + x[:, 2]) ** 2 / self._film_of_fit(x)
         return np.asarray((self.noise * self.steep_ * ratio) ** 2 + self.rough_**2)
 
     def _terms(self, places: Array, film: Array, linear: Array) -> Array:
         """Terms (s, p): what is the same all over, the fields, and the further features."""
-        level = np.log(film) - self.film_[2]
-        one, low, high = np.ones_like(level), self.film_[0] / film, film / self.film_[1]
-        shapes = np.stack([one, level, low, high, level**2], axis=1)
+        shapes = self._shapes(film)
         cosines = _cosines(np.clip(places, 0.0, 1.0) / WIDTH)
         fields = [shapes[:, k, None] * cosines[:, self._entries(k)] for k in range(FIELDS)]
         return np.concatenate([shapes, *fields, linear], axis=1)
+
+    def _shapes(self, film: Array) -> Array:
+        """Shapes (s, 5) of the curve of a film (s,): those of the fields, and the bend."""
+        level = np.log(film) - self.film_[2]
+        one, low, high = np.ones_like(level), self.film_[0] / film, film / self.film_[1]
+        return np.stack([one, level, low, high, level**2], axis=1)
 
     def _entries(self, field: int) -> Integers:
         """Products of cosines of a field, numbered as `_cosines` has them."""
@@ -360,7 +306,7 @@ class PowerLawForce:
             table[entries, field] = weights[at : at + len(entries)]
             table[0, field] = weights[field]
             at += len(entries)
-        self.table_ = table.reshape(MOST_WAVES, MOST_WAVES, FIELDS)
+        self.table_ = table
         self.bend_, self.linear_ = float(weights[BEND]), weights[at:]
         self.linear_covariance_ = root[:, at:].T @ root[:, at:]
         grid = _grid()

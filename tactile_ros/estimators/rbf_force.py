@@ -22,14 +22,8 @@ MOST_ROWS = 2000  # k-means and least squares see no more
 class RbfForce:
     """Gaussian nodes at k-means centres of the normalised features.
 
-    Parameters
-    ----------
-    target : float
-        Mean square error, of targets normalised to 0..1, at which no more nodes are added.
-    nodes : tuple of int
-        Numbers of hidden nodes that are tried, growing.
-    seed : int
-        Of the first centres.
+    Growing numbers of `nodes` are tried until the mean square error, of targets normalised to
+    0..1, is the `target`.
     """
 
     # (d,) normalisation of the features to 0..1 ([5] Eq. (8), over all squares together).
@@ -87,21 +81,9 @@ class RbfForce:
 
 
 def k_means(points: Array, count: int, seed: int) -> Array:
-    """Centres of clusters.
+    """Centres (h, d), all different, of at most `count` clusters of points (s, d).
 
-    Parameters
-    ----------
-    points : ndarray, shape (s, d)
-        What is clustered.
-    count : int
-        Largest number of clusters.
-    seed : int
-        Of the first centres, drawn from the points.
-
-    Returns
-    -------
-    ndarray, shape (h, d)
-        Different from each other; fewer than `count` where clusters emptied or points coincide.
+    The first centres are drawn from the points; empty clusters are left out.
 
     Examples
     --------

@@ -16,14 +16,13 @@ Salamon, Neural network ensembles, IEEE TPAMI 12 (1990). D. P. Kingma and J. Ba,
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.errors import NotCalibratedError
-from tactile_ros.types import Array, Bools, Estimator, Integers, as_shape
+from tactile_ros.types import Array, Bools, Integers, as_shape
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -47,26 +46,9 @@ class TrainingRows:
 
 
 def training_rows(x: Array, y: Array, groups: Integers | None = None) -> TrainingRows:
-    """Leave out rows that are not finite and sort the others by their own numbers.
+    """Finite rows of features (s, d), targets (s, k) and groups (s,), sorted by their numbers.
 
-    Parameters
-    ----------
-    x : ndarray, shape (s, d)
-        Features.
-    y : ndarray, shape (s, k)
-        Targets.
-    groups : ndarray of int, shape (s,), or None
-        What a split keeps together; None: every row stands alone.
-
-    Returns
-    -------
-    TrainingRows
-        The same for every order of the given rows.
-
-    Raises
-    ------
-    ValueError
-        If shapes differ or no finite row is left.
+    Groups None: every row stands alone. ValueError if shapes differ or no finite row is left.
     """
     x, y = as_shape('x of fit', x, (-1, -1)), as_shape('y of fit', y, (-1, -1))
     group = np.arange(len(x)) if groups is None else np.asarray(groups, np.int64)
@@ -93,26 +75,9 @@ def _by_appearance(groups: Integers) -> Integers:
 
 
 def predict_rows(x: Array, width: int, answer: Callable[[Array], Array]) -> Array:
-    """Answer for the finite rows, NaN for the others.
+    """Answers (s, k) for the finite rows of features (s, d), NaN for the others.
 
-    Parameters
-    ----------
-    x : ndarray, shape (s, d)
-        Features.
-    width : int
-        Number of features that the fit saw.
-    answer : callable
-        Targets (s, k) of finite features (s, d).
-
-    Returns
-    -------
-    ndarray, shape (s, k)
-        Targets.
-
-    Raises
-    ------
-    ValueError
-        If the number of features differs from the fit.
+    ValueError if there are not as many features as in the fit (`width`).
     """
     if np.shape(x)[1:] != (width,) or np.asarray(x).dtype != np.float64:
         x = as_shape('x of predict', x, (-1, width))
@@ -127,28 +92,14 @@ def predict_rows(x: Array, width: int, answer: Callable[[Array], Array]) -> Arra
 
 
 def fitted(method: object, attribute: str) -> None:
-    """Refuse to predict before a fit.
-
-    Raises
-    ------
-    NotCalibratedError
-        If the method lacks the attribute that its fit sets.
-    """
+    """Raise NotCalibratedError if the method lacks the attribute that its fit sets."""
     if not hasattr(method, attribute):
         msg = f'{type(method).__name__} must be fitted before it predicts; call fit(x, y) first'
         raise NotCalibratedError(msg)
 
 
-SPREAD_FLOOR = 1e-9
-
-
 class Standardisation:
     """Mean and spread of columns; a column that was constant in the fit counts for nothing.
-
-    Attributes
-    ----------
-    gain_ : ndarray, shape (d,)
-        One over the standard deviation (one over the unit); 0 for constant columns.
 
     Examples
     --------
@@ -157,15 +108,13 @@ class Standardisation:
     """
 
     mean_: Array  # (d,) mean of each column (unit of the column)
-    gain_: Array
-    spread_: Array  # (d,) standard deviation (unit of the column); 0 for constant columns
+    gain_: Array  # (d,) one over the standard deviation; 0 for constant columns
 
     def fit(self, x: Array) -> Standardisation:
         """Learn mean and spread of the columns of x, shape (s, d)."""
         self.mean_ = x.mean(axis=0)
         spread = x.std(axis=0)
-        moves = spread > SPREAD_FLOOR * np.abs(x).max(axis=0)
-        self.spread_ = np.where(moves, spread, 0.0)
+        moves = spread > 1e-9 * np.abs(x).max(axis=0)
         self.gain_ = np.where(moves, 1 / np.where(moves, spread, 1.0), 0.0)
         return self
 
@@ -175,27 +124,9 @@ class Standardisation:
 
 
 def group_folds(groups: Integers, folds: int, seed: int) -> Integers:
-    """Deal groups to folds so that the folds hold about as many rows each.
+    """Fold (s,) of each row: groups (s,), numbered from 0, dealt so that folds are about equal.
 
-    Parameters
-    ----------
-    groups : ndarray of int, shape (s,)
-        What a split keeps together, numbered from 0.
-    folds : int
-        Number of folds; fewer where there are fewer groups.
-    seed : int
-        Of the deal.
-
-    Returns
-    -------
-    ndarray of int, shape (s,)
-        Fold of each row.
-
-    Examples
-    --------
-    >>> fold = group_folds(np.array([0, 0, 1, 1, 2, 2]), 3, seed=0)
-    >>> bool((fold[::2] == fold[1::2]).all()), sorted(set(fold.tolist()))
-    (True, [0, 1, 2])
+    There are fewer folds where there are fewer groups.
     """
     sizes = np.bincount(groups)
     order = np.random.default_rng(seed).permutation(len(sizes))
@@ -206,35 +137,6 @@ def group_folds(groups: Integers, folds: int, seed: int) -> Integers:
         fold[group] = int(np.argmin(load))
         load[fold[group]] += sizes[group]
     return np.asarray(fold[groups])
-
-
-class ColumnSelector:
-    """Let an estimator see some columns only, so that estimators of unlike features compete.
-
-    Parameters
-    ----------
-    estimator : Estimator
-        Not fitted.
-    columns : ndarray of int, shape (d,)
-        Those that it sees.
-    """
-
-    fitted_: bool  # whether it was fitted
-
-    def __init__(self, estimator: Estimator, columns: Integers) -> None:
-        self.estimator = estimator
-        self.columns = np.asarray(columns, np.int64)
-
-    def fit(self, x: Array, y: Array, groups: Integers | None = None) -> ColumnSelector:
-        """Fit the estimator on its columns of x (s, f), targets y (s, k), groups (s,)."""
-        self.estimator.fit(x[:, self.columns], y, groups)
-        self.fitted_ = True
-        return self
-
-    def predict(self, x: Array) -> Array:
-        """Targets (s, k) of features (s, f); NotCalibratedError before a fit."""
-        fitted(self, 'fitted_')
-        return self.estimator.predict(x[:, self.columns])
 
 
 STRENGTHS = tuple(10.0**power for power in range(-7, 3))
@@ -248,7 +150,7 @@ BLOCK = 256  # rows that stay in the cache
 def best_strength(
     terms: Array, target: Array, fold: Integers, strengths: Sequence[float]
 ) -> float:
-    """Penalty per row that errs least on held-out folds; the middle one of a single fold.
+    """Penalty per row that errs least on held-out folds (s,); the middle one of a single fold.
 
     The eigenvectors of the normal matrix serve every penalty (Golub, Heath and Wahba,
     Technometrics 21, 1979), and the matrix without a fold is the whole one less that fold's.
@@ -335,23 +237,15 @@ def polynomial(z: Array, degree: int) -> Array:
     """
     if degree < 2:
         return z
-    first, second = _pairs(z.shape[1])
+    first, second = np.triu_indices(z.shape[1])
     return np.concatenate([z, z[:, first] * z[:, second]], axis=1)
 
 
-@lru_cache(maxsize=32)
-def _pairs(width: int) -> tuple[Integers, Integers]:
-    """Columns of every product of two, each once."""
-    return np.triu_indices(width)
-
-
 class KernelRidge:
-    """Gaussian bumps at a few training samples and a plane, with a penalty on both.
+    """Gaussian bumps at the training samples farthest apart, and a plane beyond them.
 
-    The samples are the ones farthest from each other. Between samples the bumps bend the answer;
-    beyond them the plane continues it. The features are not standardised one by one: where they
-    have one unit and much the same noise, as the channels of one sensor have, that would raise
-    the noise of those that carry no signal.
+    Features are not standardised one by one: where they have one unit and much the same noise,
+    that would raise the noise of those that carry no signal.
 
     Parameters
     ----------
@@ -368,12 +262,6 @@ class KernelRidge:
         what varies within the group (anchor regression); above 1 for groups that a later one
         continues, whose gain differs.
 
-    Attributes
-    ----------
-    gain_ : ndarray, shape (d,)
-        One over the width of the bumps (one over the unit of the features); 0 for features that
-        were constant.
-
     Examples
     --------
     >>> x = np.linspace(0, 1, 50)[:, None]
@@ -381,7 +269,7 @@ class KernelRidge:
     array([[0.14]])
     """
 
-    gain_: Array
+    gain_: Array  # (d,) one over the width of the bumps; 0 for constant features
     strength_: float  # penalty in use, per row
     samples_: Array  # (n, d) inducing samples over their width
     bumps_: Array  # (n, k) weights of the bumps (unit of y)
@@ -454,9 +342,7 @@ def gaussian(z: Array, samples: Array) -> Array:
 
 
 def spread_out(z: Array, count: int) -> Integers:
-    """Rows of z (s, d), each the farthest from all before it; fewer where rows repeat.
-
-    Source: T. F. Gonzalez, Theor. Comp. Sci. 38 (1985).
+    """Rows of z (s, d), each the farthest from all before it (Gonzalez 1985); no row twice.
 
     Examples
     --------
@@ -503,21 +389,13 @@ class Perceptron:
 
     Parameters
     ----------
-    members : int
-        Perceptrons in the ensemble; they differ by their start and by the order of their samples.
-    width : int
-        Units in each hidden layer.
+    members, width : int
+        Perceptrons in the ensemble, and units in each of their hidden layers.
     epochs : int
-        Passes over the samples; shortened so that there are at most 20 000 steps.
+        Passes over the samples, of at most 20 000 steps together.
     pattern : bool
         See the direction of the features and the logarithm of their length instead of the
         features: where a touch is shows in the pattern, how deep it is in the length.
-
-    Attributes
-    ----------
-    first_, second_, last_ : ndarray, shapes (m, p, w), (m, w, w), (m, w, k)
-        Weights of the three layers, members along the first axis; of the features as they come,
-        to the unit of y.
 
     Examples
     --------
@@ -529,6 +407,7 @@ class Perceptron:
 
     moving_: Array  # (d,) 1 for features that moved in the fit, else 0
     length_: float  # length below which the logarithm flattens (unit of the features)
+    # weights of the layers, (m, p, w), (m, w, w) and (m, w, k), of features as they come
     first_: Array
     second_: Array
     last_: Array
@@ -579,8 +458,7 @@ class Perceptron:
 
     def _answer(self, x: Array) -> Array:
         # blocks that stay in the cache: twice as fast as one sweep
-        parts = [self._forward(x[i : i + BLOCK]) for i in range(0, len(x), BLOCK)]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+        return np.concatenate([self._forward(x[i : i + BLOCK]) for i in range(0, len(x), BLOCK)])
 
     def _forward(self, x: Array) -> Array:
         hidden = self._inputs(x)

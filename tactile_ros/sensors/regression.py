@@ -18,7 +18,7 @@ import numpy as np
 from tactile_ros.conditioning.fading_memory import FadingMemory
 from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.grid_knn import GridKnn
-from tactile_ros.estimators.model_selection import select
+from tactile_ros.estimators.model_selection import held_out_report, select
 from tactile_ros.estimators.regression import (
     KernelRidge,
     Perceptron,
@@ -58,6 +58,7 @@ MOST_FOLDS = 10  # of groups or runs that are held out, a fit each
 TIME_CONSTANTS = (0.5, 2.0, 8.0, 32.0)
 PAST_WEIGHT = 3.0  # relaxation and the set of the skin are small parts of the change; their share
 STATE_WEIGHT = 3.0  # of a distance
+USUAL_GAIN = 0.025  # standard deviation of the gain between runs before any was recorded
 RATIOS = np.array([0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0])
 PLACE = 1e-5
 MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
@@ -69,10 +70,9 @@ OUT_OF_RANGE = np.int64(FrameStatus.OUT_OF_RANGE)
 def methods(*, place: bool = True, trial: bool = False) -> dict[str, Estimator]:
     """All regressors by name, of a place or of a force: here alone a method is registered.
 
-    The pattern of a touch tells its place. A force is for a skin whose state has moved on since
-    the presses it learned from: a plane as strong as the bumps carries the answer to loads and
-    states beyond those. Its penalty is set, to a thousandth of the range: presses of one run, on
-    which it could be chosen, know nothing of the next run. In a trial an ensemble has fewer
+    The skin under a force has moved on since the presses it was learned from: a plane as strong
+    as the bumps carries the answer to loads and states beyond those, and presses of one run, on
+    which a penalty could be chosen, know nothing of the next. In a trial an ensemble has fewer
     members, and errs slightly more.
     """
     force = KernelRidge(length=0.4, linear=1.0, strengths=(1e-6,), common=10.0)
@@ -99,12 +99,11 @@ def candidates(wanted: str | None, *, place: bool, trial: bool = False) -> dict[
 class RestingState:
     """Main way along which resting readings move within runs, and the readings themselves.
 
-    Presses leave a set that recovers slowly, in the resting reading and in the stiffness (the
-    Mullins effect and stress relaxation of filled elastomers: Diani, Fayolle and Gilormini, Eur.
-    Polym. J. 45, 2009). Where along that way a skin is shifts its gain. Of the variance of gains
-    a resting reading leaves the share 1 - exp(-(d / l)^2), at the distance d from the nearest one
-    of the fit and with l twice the root mean square deviation within runs, over which gains are
-    alike (Gaussian process: Rasmussen and Williams, 2006, eq. 2.26).
+    Presses leave a set that recovers slowly, in the resting reading and in the stiffness (Mullins
+    effect: Diani, Fayolle and Gilormini, Eur. Polym. J. 45, 2009), which shifts the gain. Of the
+    variance of gains a resting reading leaves the share 1 - exp(-(d / l)^2), at the distance d
+    from the nearest one of the fit and with l twice the root mean square deviation within runs
+    (Gaussian process: Rasmussen and Williams, 2006, eq. 2.26).
     """
 
     centre_: Array  # (d,) mean resting reading (unit of the rests)
@@ -148,80 +147,35 @@ class RestingState:
         return state, -np.expm1(-np.maximum(square, 0.0) / self.width_**2)
 
 
-class GainVariance:
-    """Variance of the gain of an unseen run about that of the fit.
+def gain_spread(predictions: Array, y: Array, runs: Integers) -> float:
+    """Standard deviation of the gain of an unseen run about that of a fit.
 
-    Parameters
-    ----------
-    prior : float
-        Standard deviation of the gain between runs before any was recorded; it counts as one run.
-
-    Examples
-    --------
-    >>> force = np.array([[1.0], [2.0], [1.0], [2.0]])
-    >>> predicted = force * np.array([[1.1], [1.1], [0.9], [0.9]])
-    >>> gain = GainVariance(prior=0.1).fit(predicted, force, np.array([0, 0, 1, 1]))
-    >>> round(gain.spread_, 3), gain.covariance(np.array([[10.0]]), None).round(3).tolist()
-    (0.1, [[[1.0]]])
+    Predictions (s, k) of targets of runs (s,) are of fits that had not seen them; of one run only
+    the prior is known, which counts as one run.
     """
-
-    spread_: float  # standard deviation of the gain of an unseen run about that of the fit
-
-    def __init__(self, prior: float = 0.025) -> None:
-        self.prior = prior
-
-    def fit(self, predictions: Array, y: Array, runs: Integers) -> GainVariance:
-        """Learn from predictions (s, k) of targets of runs (s,) that the estimator had not seen.
-
-        Of one run only the prior is known.
-        """
-        gains = []
-        for run in np.unique(runs):
-            load, own = y[runs == run], predictions[runs == run]
-            gains.append(float((own * load).sum() / max((load * load).sum(), 1e-300)))
-        variance, count = self.prior**2, len(gains)
-        if count > 1:
-            between = (np.array(gains) - 1) ** 2 / (1 + 1 / (count - 1))
-            variance = float(variance + between.sum()) / (1 + count)
-        self.spread_ = math.sqrt(variance * (1 + 1 / max(count, 1)))
-        return self
-
-    def covariance(self, mean: Array, share: Array | None) -> Array:
-        """Covariance (s, k, k) that an unknown gain leaves in predictions (s, k).
-
-        Of the variance of the gain a share (s,) is unknown; None: all of it.
-        """
-        fitted(self, 'spread_')
-        size = self.spread_ * mean
-        cells = size[:, :, None] * size[:, None, :]
-        return cells if share is None else cells * share[:, None, None]
+    gains = []
+    for run in np.unique(runs):
+        load, own = y[runs == run], predictions[runs == run]
+        gains.append(float((own * load).sum() / max((load * load).sum(), 1e-300)))
+    variance, count = USUAL_GAIN**2, len(gains)
+    if count > 1:
+        between = (np.array(gains) - 1) ** 2 / (1 + 1 / (count - 1))
+        variance = float(variance + between.sum()) / (1 + count)
+    return math.sqrt(variance * (1 + 1 / count))
 
 
 class Head:
-    """Regressor of some components of one target.
+    """Regressor of those components (`columns`) of one target that truth has.
 
-    Parameters
-    ----------
-    target : str
-        Attribute of the state.
-    columns : tuple of int
-        Components that truth has.
-    wanted : str or None
-        Name of an estimator; None: the best of all.
-    channels : int
-        How many features are the change of the readings now; the others are its history.
-
-    Attributes
-    ----------
-    name : str
-        Of the estimator in use.
-    report_ : dict of str to float
-        Errors on held-out groups (unit of the target).
+    It is the `wanted` one by name; None: the best of all. The first `channels` features are the
+    change of the readings now; the others are its history.
     """
 
+    name: str  # of the estimator in use
+    report_: dict[str, float]  # errors on held-out groups (unit of the target)
     estimator_: Estimator  # fitted on all rows
     state_: RestingState | None  # of a force
-    gain_: GainVariance | None  # of a force
+    gain_: float  # of a force, standard deviation of the gain of an unseen run
     covariance_: CovarianceModel
     size_: float  # typical load of a force; one over the typical signal of other targets
     ratio_: float  # growth of the variance with the square of that size
@@ -236,18 +190,11 @@ class Head:
         self.name = ''
 
     def fit(self, x: Array, y: Array, groups: Integers, sessions: Integers, rests: Array) -> Head:
-        """Choose, fit and calibrate.
+        """Choose, fit and calibrate by features (s, d) and known targets (s, k).
 
-        Parameters
-        ----------
-        x : ndarray, shape (s, d)
-            Features; beside a history, the last column is overwritten.
-        y : ndarray, shape (s, k)
-            Components of the target, all known.
-        groups, sessions : ndarray, shape (s,)
-            What a split keeps together; runs, which differ in gain.
-        rests : ndarray, shape (s, channels)
-            Resting reading under each row.
+        A split keeps `groups` (s,) together; `sessions` (s,) are runs, which differ in gain, and
+        `rests` (s, channels) the resting readings. Beside a history, the last column of x is
+        overwritten.
         """
         force, place = self.target in FORCES, self.target == 'position'
         self.state_ = RestingState().fit(rests, sessions) if force else None
@@ -263,28 +210,12 @@ class Head:
         stated = self._stated(choice.x, choice.predictions)
         readings = choice.x[:, : self.channels]
         self.covariance_ = CovarianceModel().fit(choice.residuals, stated, choice.groups, readings)
-        self.gain_ = self._fit_gain(x, y, sessions) if force else None
+        self.gain_ = self._fit_gain(x, y, sessions) if force else 0.0
         cov = self.covariance_.predict(stated, readings)[0]
-        error = np.linalg.norm(choice.residuals, axis=1)
         sigma = np.sqrt(np.einsum('skk->sk', cov))
-        self.report_ = {
-            'held_out_mean': float(error.mean()),
-            'held_out_rmse': float(np.sqrt((error**2).mean())),
-            'inside_one_sigma': float((np.abs(choice.residuals) <= sigma).mean()),
-            'groups': float(len(np.unique(choice.groups))),
-            'rows': float(len(x)),
-            **{f'rmse_{name}': error for name, error in choice.errors.items()},
-        }
+        off, groups = choice.residuals, choice.groups
+        self.report_ = held_out_report(off, sigma, groups, len(x), choice.errors)
         return self
-
-    @cached_property
-    def cells(self) -> tuple[slice | Integers, slice | Integers]:
-        """Index of its components among three: of rows and of columns of a covariance."""
-        first, last = self.columns[0], self.columns[-1] + 1
-        if last - first == len(self.columns):  # a slice costs a tenth of a list
-            return slice(first, last), slice(first, last)
-        index = np.array(self.columns)
-        return index[:, None], index
 
     @property
     def title(self) -> str:
@@ -296,15 +227,16 @@ class Head:
 
         Beside a history, the last column of x is overwritten.
         """
-        share = None
+        share: Array | None = None
         if self.state_ is not None:
             state, share = self.state_.predict(rests)
             x = self._with_state(x, state)
         mean = self.estimator_.predict(x)
         readings = x[:, : self.channels]
         cov, out_of_range = self.covariance_.predict(self._stated(x, mean), readings)
-        if self.gain_ is not None:
-            cov += self.gain_.covariance(mean, share)
+        if share is not None:
+            size = self.gain_ * mean
+            cov += size[:, :, None] * size[:, None, :] * share[:, None, None]
         return mean, cov, out_of_range
 
     def _with_state(self, x: Array, state: Array) -> Array:
@@ -337,23 +269,16 @@ class Head:
             costs.append(float(np.log((length / sigma).mean() + 1e-300) + np.log(sigma).mean()))
         self.ratio_ = float(RATIOS[int(np.argmin(costs))])
 
-    def _fit_gain(self, x: Array, y: Array, sessions: Integers) -> GainVariance:
+    def _fit_gain(self, x: Array, y: Array, sessions: Integers) -> float:
         """Spread of gain between runs, from runs held out; of one run only a prior is known."""
-        runs = len(np.unique(sessions))
-        if runs < 2:
-            return GainVariance().fit(y, y, sessions)
-        unseen = select({'': self.estimator_}, x, y, sessions, folds=min(runs, MOST_FOLDS))
-        return GainVariance().fit(unseen.predictions, unseen.y, unseen.groups)
+        if (sessions == sessions[0]).all():
+            return gain_spread(y, y, sessions)
+        unseen = select({'': self.estimator_}, x, y, sessions, folds=MOST_FOLDS)
+        return gain_spread(unseen.predictions, unseen.y, unseen.groups)
 
 
 def known_columns(y: Array, good: Bools) -> Iterator[tuple[tuple[int, ...], Bools]]:
-    """Split components (s, 3) into sets that are known in the same rows.
-
-    Yields
-    ------
-    columns, rows : tuple of int, ndarray of shape (s,)
-        Components, and the usable rows at which all of them are known.
-    """
+    """Components of y (s, 3) that are known in the same usable rows, and these rows (s,)."""
     known = np.isfinite(y) & good[:, None]
     left = [i for i in range(y.shape[1]) if known[:, i].sum() >= FEWEST_ROWS]
     while left:
@@ -363,25 +288,14 @@ def known_columns(y: Array, good: Bools) -> Iterator[tuple[tuple[int, ...], Bool
 
 
 class Vote:
-    """Nearest neighbours that vote for one of several classes [2], weighted by the distance.
+    """Nearest neighbours that vote for a 'cell' or a 'label' [2], weighted by the distance.
 
     Votes are used where they are better than chance on held-out groups.
-
-    Parameters
-    ----------
-    target : str
-        'cell' or 'label'.
-
-    Attributes
-    ----------
-    report_ : dict of str to float
-        Share of held-out rows that are named rightly, and that of the commonest class, which is
-        chance; of a single group, rows are held out.
     """
 
     classes_: Integers  # (k,) those of the fit
     voters_: GridKnn  # of the share of each class
-    report_: dict[str, float]
+    report_: dict[str, float]  # share of held-out rows named rightly, and of the commonest class
 
     def __init__(self, target: str) -> None:
         self.target = target
@@ -412,24 +326,12 @@ class Vote:
 
 
 class Regression(Estimation):
-    """Regressors of one sensor, each for the components of one target that truth has.
+    """Regressors of a sensor of so many channels, each for components of one target.
 
-    Parameters
-    ----------
-    config : dataclass
-        Of the sensor.
-    estimator : str or None
-        One of `ESTIMATORS`; None: the best of them on held-out groups. Classes are voted where it
-        is None or 'grid_knn'.
-    channels : int
-        Channels of a taxel.
-
-    Attributes
-    ----------
-    flags_range : bool
-        Touched frames whose readings are beyond those of the fit have the status OUT_OF_RANGE.
-        Not for sensors whose taxels are touched a few at a time: their readings have no spread
-        in common.
+    `estimator` is one of `ESTIMATORS`; None: the best of them on held-out groups. Classes are
+    voted where it is None or 'grid_knn'. With `flags_range` touched frames whose readings are
+    beyond those of the fit have the status OUT_OF_RANGE: not for sensors whose taxels are touched
+    a few at a time, since their readings have no spread in common.
     """
 
     flags_range: ClassVar[bool] = False
@@ -473,17 +375,7 @@ class Regression(Estimation):
         return FadingMemory(np.array(TIME_CONSTANTS))
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
-        """Learn every target of which truth has a component.
-
-        Parameters
-        ----------
-        signals : Signals
-            Conditioned frames.
-        truth : dict of str to ndarray, shape (s, ...)
-            As in a Recording.
-        groups : dict of str to ndarray, shape (s,)
-            'group' and 'session': what a split keeps together.
-        """
+        """Learn every target of which truth has a component; see `Estimation`."""
         now = signals.delta.reshape(len(signals.good), self.width)
         rest = signals.baseline.reshape(now.shape)
         past = None
@@ -536,20 +428,7 @@ class Regression(Estimation):
             self.slip_ = SlipDetector().fit(now[rows], slips[rows], sequence[rows])
 
     def estimate(self, signals: Signals, memory: object) -> Columns:
-        """Targets and covariances of every row, NaN for components that truth never had.
-
-        Parameters
-        ----------
-        signals : Signals
-            Conditioned frames.
-        memory : FadingMemory
-            Of the stream; moves on.
-
-        Returns
-        -------
-        dict of str to ndarray, shape (s, ...)
-            One entry and its covariance for each target; `status`.
-        """
+        """Targets and covariances of every row, NaN for components that truth never had."""
         assert isinstance(memory, FadingMemory)
         now = signals.delta.reshape(len(signals.good), self.width)
         rest = signals.baseline.reshape(now.shape)
@@ -568,9 +447,9 @@ class Regression(Estimation):
             for head in self._in_use(signals.stamp_ns is not None):
                 x = past if past is not None and head in self.remembering_ else now[block]
                 mean, cov, far = head.predict(x, rest[block])
-                rows, columns = head.cells
-                known[head.target][block, columns] = mean
-                known[f'{head.target}_cov'][block, rows, columns] = cov
+                index = np.array(head.columns)
+                known[head.target][block, index] = mean
+                known[f'{head.target}_cov'][block, index[:, None], index] = cov
                 beyond[block] |= far
         self._add_classes(known, now, rest)
         if self.flags_range and np.count_nonzero(beyond):
@@ -645,7 +524,7 @@ def places_of(plane: Array) -> Integers | None:
 
 
 CLASSES = (
-    Regression, Head, Vote, RestingState, SlipDetector, GainVariance, CovarianceModel,
+    Regression, Head, Vote, RestingState, SlipDetector, CovarianceModel,
     Standardisation, *map(type, methods().values()),
 )  # fmt: skip
 
@@ -667,9 +546,7 @@ def missing_loads(force: Array) -> Report:
 def missing_history(signals: Signals, crept: float) -> Report:
     """Unknown part of a skin's past, of which a held load leaves a share `crept`; 0: none.
 
-    Without tare rows before the first touch of a stream, its rest is that of frames between
-    touches, in which a skin that creeps has not forgotten: what it crept is then taken for rest,
-    or guessed.
+    Without tare rows before the first touch, what a skin has crept is taken for rest, or guessed.
     """
     found: Report = {}
     if not _rests_first(signals):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.conditioning.fading_memory import FadingMemory
-from tactile_ros.sensors.five_wire_skin.creep import TIME_CONSTANTS, FilmCreep, FilmMemory
+from tactile_ros.sensors.five_wire_skin.film import TIME_CONSTANTS, FilmCreep, FilmMemory
 
 EDGE = 0.015
 

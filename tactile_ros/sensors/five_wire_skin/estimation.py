@@ -10,19 +10,20 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tactile_ros.estimators.covariance import CovarianceModel
-from tactile_ros.estimators.grid_knn import GridKnn
-from tactile_ros.estimators.model_selection import select
+from tactile_ros.estimators.model_selection import held_out_report, select
 from tactile_ros.estimators.potential_map import PotentialMap
 from tactile_ros.estimators.power_law_force import PowerLawForce
 from tactile_ros.estimators.rbf_force import RbfForce
-from tactile_ros.estimators.regression import ColumnSelector, Ridge
+from tactile_ros.estimators.regression import Ridge
 from tactile_ros.physics.resistive_sheet import SeriesResistance, linear_place
-from tactile_ros.sensors.five_wire_skin.contact_gate import (
+from tactile_ros.sensors.five_wire_skin.film import (
     DIVIDER,
+    TIME_CONSTANTS,
     ContactGate,
+    FilmCreep,
+    FilmMemory,
     implausible_taxels,
 )
-from tactile_ros.sensors.five_wire_skin.creep import TIME_CONSTANTS, FilmCreep, FilmMemory
 from tactile_ros.sensors.regression import CLASSES as REGRESSION_CLASSES
 from tactile_ros.sensors.regression import ESTIMATORS as REGRESSORS
 from tactile_ros.sensors.regression import (
@@ -58,13 +59,7 @@ FAR, GAP, NODES = 0.2, 0.02, 41  # of the sheet to the next touch; share of it; 
 
 
 class LinearPlace:
-    """The formula of [5] for an even border; a fit changes nothing.
-
-    Parameters
-    ----------
-    size : ndarray, shape (2,)
-        Of the sheet (m).
-    """
+    """The formula of [5] for an even border of a sheet of `size` (2,) (m); no fit changes it."""
 
     def __init__(self, size: Array) -> None:
         self.size = np.asarray(size, np.float64)
@@ -83,61 +78,37 @@ class Choice:
 
     A model states its own covariance and errors on held-out groups in closed form; that of any
     other estimator follows from its out-of-fold errors.
-
-    Attributes
-    ----------
-    name : str
-        Of the estimator in use.
-    report_ : dict of str to float
-        Errors on held-out groups.
     """
+
+    name: str  # of the estimator in use
+    report_: dict[str, float]  # errors on held-out groups
 
     def __init__(self, name: str, estimator: Estimator, covariance: Array | None = None) -> None:
         self.name, self.estimator_ = name, estimator
         self.nominal_ = covariance
         self.covariance_ = CovarianceModel()
-        self.report_: dict[str, float] = {}
+        self.report_ = {}
 
     def fit(
-        self, candidates: dict[str, Estimator], x: Array, y: Array, groups: Integers,
-        count: int | None = None,
+        self, plain: Estimator, x: Array, y: Array, groups: Integers,
+        model: PotentialMap | PowerLawForce | None = None,
     ) -> Choice:  # fmt: skip
-        """Choose among candidates by features (s, d) and targets (s, k), and fit.
-
-        Those of `MODELS` take the first `count` features.
-        """
-        others = {name: one for name, one in candidates.items() if name not in MODELS}
-        errors: dict[str, float] = {}
-        if others:
-            choice = select(others, x, y, groups)
-            self.name, errors = choice.name, choice.errors
-            self.nominal_ = None
-            self.covariance_.fit(choice.residuals, None, choice.groups, choice.x)
-            off = choice.residuals
-            covariance = self.covariance_.predict(None, choice.x)[0]
-            sigma = np.sqrt(np.einsum('sii->si', covariance))
-        for name in candidates.keys() & MODELS:
-            model = candidates[name]
-            assert isinstance(model, PotentialMap | PowerLawForce)
-            error, stated = model.fit_held_out(x[:, :count], y, groups)
-            errors[name] = float(np.sqrt(np.nanmean((error**2).reshape(len(x), -1).sum(axis=1))))
-            if errors[name] <= min(errors.values()):
-                self.name, off = name, error.reshape(len(x), -1)
+        """Choose by features (s, d) and targets (s, k) between a plain estimator and a model."""
+        choice = select({NAMES[type(plain)]: plain}, x, y, groups)
+        self.name, errors, off = choice.name, dict(choice.errors), choice.residuals
+        self.estimator_, self.nominal_ = plain.fit(x, y, groups), None
+        self.covariance_.fit(off, None, choice.groups, choice.x)
+        sigma = np.sqrt(np.einsum('sii->si', self.covariance_.predict(None, choice.x)[0]))
+        if model is not None:
+            error, stated = model.fit_held_out(x, y, groups)
+            error = error.reshape(len(x), -1)
+            name = NAMES[type(model)]
+            errors[name] = float(np.sqrt(np.nanmean((error**2).sum(axis=1))))
+            if errors[name] <= errors[self.name]:
+                self.name, self.estimator_, off = name, model, error
                 sigma = np.sqrt(stated if stated.ndim == 1 else np.einsum('sii->si', stated))
                 sigma = sigma.reshape(off.shape)
-        self.estimator_ = candidates[self.name]
-        if self.name not in MODELS:
-            self.estimator_.fit(x, y, groups)
-        known = np.isfinite(off)
-        length = np.sqrt((off**2).sum(axis=1))
-        self.report_ = {
-            'held_out_mean': float(np.nanmean(length)),
-            'held_out_rmse': errors[self.name],
-            'inside_one_sigma': float((np.abs(off) <= sigma)[known].mean()),
-            'groups': float(len(np.unique(groups))),
-            'rows': float(len(x)),
-            **{f'rmse_{name}': error for name, error in sorted(errors.items())},
-        }
+        self.report_ = held_out_report(off, sigma, groups, len(x), errors)
         return self
 
     def predict(self, x: Array) -> tuple[Array, Array]:
@@ -150,20 +121,18 @@ class Choice:
         return mean, self.covariance_.predict(None, x)[0]
 
 
-MODELS = frozenset({'harmonic', 'power'})
+NAMES: dict[type, str] = {
+    LinearPlace: 'linear', PotentialMap: 'harmonic', RbfForce: 'rbf', PowerLawForce: 'power',
+    Ridge: 'ridge',
+}  # fmt: skip
 
 
 class FiveWireEstimation(Estimation):
     """Estimators of the five-wire skin.
 
-    Parameters
-    ----------
-    config : FiveWireSkinConfig
-        Of the sensor.
-    estimator : str or None
-        One of `ESTIMATORS`: a regressor of the readings; 'printed', the formula and the network
-        of [5]; None: the model of sheet and film, unless the formula, the network or a regressor
-        errs less on held-out places.
+    `estimator` is one of `ESTIMATORS`: a regressor of the readings; 'printed', the formula and
+    the network of [5]; None: the model of sheet and film, unless the formula or the network errs
+    less on held-out places.
     """
 
     def __init__(self, config: FiveWireSkinConfig, estimator: str | None = None) -> None:
@@ -283,31 +252,26 @@ class FiveWireEstimation(Estimation):
         """Normal forces (s,) (N) and their variances, without creep where stamps allow it."""
         assert self.force_ is not None
         model = self.force_.estimator_
+        if not isinstance(model, PowerLawForce):
+            mean, covariance = self.force_.predict(features)
+            return mean[:, 0], covariance[:, 0, 0]
         creeps = self.creep_ is not None and self.crept_ is not None
-        if creeps and signals.stamp_ns is not None:
-            assert self.creep_ is not None
-            assert self.crept_ is not None
-            model = self.crept_
-            force, relative = model.force(features[:, :3])
-            static = np.where(signals.in_contact == 0, 0.0, force)
-            static = np.where(signals.good, static, np.nan)
-            force, ratios = memory(self.creep_, static, place, signals.stamp_ns, signals.restart)
-            relative = relative + self.creep_.variance(ratios)
+        if not creeps or signals.stamp_ns is None:
+            force, relative = model.force(features)
             return force, relative * (force - model.gap_) ** 2
-        if isinstance(model, PowerLawForce):
-            force, relative = model.force(features[:, :3])
-            return force, relative * (force - model.gap_) ** 2
-        force, covariance = self.force_.predict(features)
-        return force[:, 0], covariance[:, 0, 0]
+        assert self.creep_ is not None
+        assert self.crept_ is not None
+        force, relative = self.crept_.force(features)
+        static = np.where(signals.in_contact == 0, 0.0, force)
+        static = np.where(signals.good, static, np.nan)
+        force, ratios = memory(self.creep_, static, place, signals.stamp_ns, signals.restart)
+        relative = relative + self.creep_.variance(ratios)
+        return force, relative * (force - self.crept_.gap_) ** 2
 
     def _features(self, x: Array, place: Array) -> Array:
-        """Features (s, 3 + c) of a force: place over the sheet, R over R0, and readings."""
-        features = np.empty((len(x), 3 + x.shape[1]))
-        features[:, :2], features[:, 3:] = place / self.size, x
-        features[:, 2] = np.maximum(
-            1 / np.maximum(x[:, DIVIDER], LEAST_DIVIDER) - 1, LEAST_DIVIDER
-        )
-        return features
+        """Features (s, 3) of a force: place over the sheet, R over R0."""
+        ratio = 1 / np.maximum(x[:, DIVIDER], LEAST_DIVIDER) - 1
+        return np.column_stack([place / self.size, np.maximum(ratio, LEAST_DIVIDER)])
 
     def _fit_place(self, x: Array, position: Array, group: Integers, good: Bools) -> None:
         """Choose and fit the map from potentials to place."""
@@ -316,13 +280,9 @@ class FiveWireEstimation(Estimation):
         u, places = x[rows][:, self.potentials], position[rows, :2]
         if len(rows) < FEWEST_ROWS or not _spans(u, places / self.size):
             return
-        formula: dict[str, Estimator] = {'linear': LinearPlace(self.size)}
-        model: dict[str, Estimator] = {'harmonic': PotentialMap(self.size)}
-        if self.wanted is not None:
-            self.place_.fit(formula, u, places, group[rows])
-            self.place_.name = self.wanted
-        else:
-            self.place_.fit(formula | model, u, places, group[rows])
+        model = PotentialMap(self.size) if self.wanted is None else None
+        self.place_.fit(LinearPlace(self.size), u, places, group[rows], model)
+        self.place_.name = self.wanted or self.place_.name
         height = position[rows, 2]
         height = height[np.isfinite(height)]
         self.height_ = np.full(2, np.nan)
@@ -348,15 +308,12 @@ class FiveWireEstimation(Estimation):
             place = np.where(measured, position[:, :2], place)
         features = self._features(x, place)
         noise = 0.0 if np.isnan(self.touch_.noise) else self.touch_.noise
-        power = PowerLawForce(noise, self.size, self.series)
-        known: dict[str, Estimator] = {'rbf': ColumnSelector(RbfForce(), np.array([0, 1, 2]))}
-        if self.wanted is None:
-            known['power'] = power
-        self.force_ = Choice('', power).fit(known, features[rows], told, group[rows], 3)
-        if self.wanted is not None:
-            self.force_.name = self.wanted
-        elif signals.stamp_ns is not None and self.force_.name == 'power':
-            self._fit_creep(signals, features[:, :3], place, force[:, 2], group, rows)
+        power = PowerLawForce(noise, self.size, self.series) if self.wanted is None else None
+        network = RbfForce()
+        chosen = Choice('', network).fit(network, features[rows], told, group[rows], power)
+        self.force_, chosen.name = chosen, self.wanted or chosen.name
+        if signals.stamp_ns is not None and chosen.estimator_ is power:
+            self._fit_creep(signals, features, place, force[:, 2], group, rows)
 
     def _fit_creep(
         self, signals: Signals, features: Array, place: Array, force: Array, group: Integers,
@@ -394,7 +351,7 @@ class FiveWireEstimation(Estimation):
         self.shear_ = None
         if self.force_ is None or len(rows) < FEWEST_ROWS or not np.ptp(force[rows, :2]):
             return
-        shear = Choice('', Ridge()).fit({'ridge': Ridge()}, x[rows], force[rows, :2], group[rows])
+        shear = Choice('', Ridge()).fit(Ridge(), x[rows], force[rows, :2], group[rows])
         spread = float(np.sqrt(force[rows, :2].var(axis=0).sum()))
         self.shear_ = shear if shear.report_['held_out_rmse'] < USEFUL * spread else None
 
@@ -448,13 +405,7 @@ def _coverage(
     return found
 
 
-CLASSES = tuple(
-    {
-        one.__name__: one
-        for one in (
-            FiveWireEstimation, ContactGate, Choice, LinearPlace, PotentialMap, PowerLawForce,
-            SeriesResistance, FilmCreep, RbfForce, ColumnSelector, CovarianceModel, Ridge,
-            GridKnn, *REGRESSION_CLASSES,
-        )
-    }.values()
+CLASSES = (
+    *REGRESSION_CLASSES, FiveWireEstimation, ContactGate, Choice, LinearPlace, PotentialMap,
+    PowerLawForce, SeriesResistance, FilmCreep, RbfForce,
 )  # fmt: skip

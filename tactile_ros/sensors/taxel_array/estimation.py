@@ -317,9 +317,7 @@ class TaxelRegression(Regression):
                     self.rest_ = signals.baseline[good][0, :, 0], above
                 output = self.start().above_tare(signals)[good]
                 if creep.behind:
-                    output = self.creep_.undo(
-                        output, past.stamp_ns, begins, self.creep_.start()
-                    )
+                    output = self.creep_.undo(output, past.stamp_ns, begins, self.creep_.start())
                 else:
                     force = force + self.creep_.crept(force, past.stamp_ns, begins)
         self.law_ = Equilibration(self.only or None).fit(output, force, group)
