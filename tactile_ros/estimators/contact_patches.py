@@ -10,8 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
-from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array, Bools, Integers
 
 JOINED = 0.1  # of a patch's largest pressure: less joins nothing
@@ -24,23 +26,12 @@ LAYER = 3.0  # neighbours of a taxel, on average: with less the taxels lie in a 
 REACH = 3.0  # of the way to the nearest taxel: no neighbour lies farther
 BETWEEN = 0.9  # of the half way: a taxel as near to the middle of a pair lies between
 ROUND = 16  # taxels around a pair that are looked at
+BLOCK = 20_000  # taxels of frames that are looked at together
 
 
 def neighbours(positions: Array) -> Integers:
-    """Pairs of taxels that are neighbours.
+    """Pairs (n, 2) of taxels at positions (t, 3) that are neighbours, the lower index first.
 
-    Parameters
-    ----------
-    positions : ndarray, shape (t, 3)
-        Centres (m).
-
-    Returns
-    -------
-    ndarray of int, shape (n, 2)
-        Each pair once, the lower index first.
-
-    Notes
-    -----
     Two taxels are neighbours where no third one lies in the ball on their line, less a tenth:
     corners of a square are, every second one of a row or a ring is not. Nothing beyond three
     times the way to the nearest taxel is a neighbour.
@@ -51,8 +42,6 @@ def neighbours(positions: Array) -> Integers:
     >>> neighbours(row).tolist()
     [[0, 1], [1, 2], [1, 3], [2, 3]]
     """
-    from scipy.spatial import cKDTree
-
     count = len(positions)
     if count < 2:
         return np.zeros((0, 2), np.int64)
@@ -72,155 +61,6 @@ def neighbours(positions: Array) -> Integers:
     return np.asarray(pairs[~blocked], np.int64)
 
 
-@compiled
-def flood(links: Integers, first: Integers, among: Bools, label: Integers) -> int:
-    """Write the component of each taxel (t,) that is marked, -1 of others; return their number.
-
-    Neighbours of taxel k are `links[first[k] : first[k + 1]]`; components are numbered by their
-    first taxels.
-    """
-    front, count = np.empty(len(among), np.int64), 0
-    label[:] = -1
-    for k in range(len(among)):
-        if not among[k] or label[k] >= 0:
-            continue
-        front[0], label[k], reached, done = k, count, 1, 0
-        while done < reached:
-            here = front[done]
-            done += 1
-            for n in range(first[here], first[here + 1]):
-                other = links[n]
-                if among[other] and label[other] < 0:
-                    label[other] = count
-                    front[reached] = other
-                    reached += 1
-        count += 1
-    return count
-
-
-@compiled
-def part(
-    links: Integers, first: Integers, positions: Array, pressure: Array, touched: Bools,
-    label: Integers,
-) -> int:  # fmt: skip
-    """Write the patch of each touched taxel (t,), and return their number.
-
-    Connected taxels are one patch; where little pressure joins two, each lightly pressed taxel
-    goes to the nearest firmly pressed one.
-    """
-    whole = np.empty(len(touched), np.int64)
-    wholes = flood(links, first, touched, whole)
-    peak, core = np.zeros(wholes), np.zeros(len(touched), np.bool_)
-    for k in range(len(touched)):
-        if touched[k]:
-            peak[whole[k]] = max(peak[whole[k]], pressure[k])
-    for k in range(len(touched)):
-        core[k] = touched[k] and pressure[k] > JOINED * peak[whole[k]]
-    count = flood(links, first, core, label)
-    join_rims(positions, touched, core, whole, wholes, label)
-    return count
-
-
-@compiled
-def join_rims(
-    positions: Array, touched: Bools, core: Bools, whole: Integers, wholes: int, label: Integers
-) -> None:
-    """Give lightly pressed taxels to the nearest firmly pressed one of their whole."""
-    only, parts = np.full(wholes, -1), np.zeros(wholes, np.int64)
-    for k in range(len(touched)):
-        if core[k] and only[whole[k]] != label[k]:
-            only[whole[k]] = label[k]
-            parts[whole[k]] += 1
-    own = label.copy()
-    for k in range(len(touched)):
-        if not touched[k] or core[k]:
-            continue
-        label[k] = only[whole[k]]
-        nearest = np.inf
-        for n in range(len(touched) if parts[whole[k]] > 1 else 0):
-            if own[n] >= 0 and whole[n] == whole[k]:
-                away = np.square(positions[n] - positions[k]).sum()
-                if away < nearest:
-                    nearest, label[k] = away, own[n]
-
-
-@compiled
-def spread_of_centres(
-    positions: Array, across: Array, weight: Array, variance: Array, label: Integers,
-    total: Array, centre: Array, cov: Array,
-) -> None:  # fmt: skip
-    """Add to the covariance of each centre what the errors of its taxels make."""
-    for k in range(len(label)):
-        r = label[k]
-        if r < 0:
-            continue
-        away = positions[k] - centre[r]
-        scale, share = variance[k] / total[r] ** 2, weight[k] / total[r]
-        for m in range(3):
-            for n in range(3):
-                cov[r, m, n] += scale * away[m] * away[n]
-        # taxels do not tell where they are pressed; across a line nothing is taken back
-        cov[r, 0, 0] += share * across[0, k]
-        cov[r, 0, 1] += share * across[1, k]
-        cov[r, 1, 0] += share * across[1, k]
-        cov[r, 1, 1] += share * across[2, k]
-
-
-@compiled
-def rank_patches(
-    own: Integers, weight: Array, rim: Bools, patches: int, rank: Integers, sums: Array
-) -> None:
-    """Write load, taxels and taxels at the rim of patches (n, 3), and their ranks by load."""
-    sums[:] = 0.0
-    for k in range(len(own)):
-        if own[k] >= 0:
-            sums[own[k], 0] += weight[k]
-            sums[own[k], 1] += 1
-            sums[own[k], 2] += rim[k]
-    order = np.argsort(-sums[:, 0], kind='mergesort')
-    for r in range(patches):
-        rank[order[r]] = r
-
-
-@compiled
-def patches_of_rows(
-    links: Integers, first: Integers, positions: Array, areas: Array, rim: Bools, across: Array,
-    size: float, load: Array, variance: Array, touched: Bools, label: Integers, count: Integers,
-    total: Array, spread: Array, centre: Array, cov: Array, area: Array,
-) -> None:  # fmt: skip
-    """Fill the patches of rows (s, t): see `Patches`."""
-    most = total.shape[1]
-    own = np.empty(load.shape[1], np.int64)
-    for s in range(len(load)):
-        weight = np.maximum(load[s], LEAST)
-        patches = part(links, first, positions, weight / areas, touched[s], own)
-        sums, rank = np.empty((patches, 3)), np.empty(patches, np.int64)
-        rank_patches(own, weight, rim, patches, rank, sums)
-        kept = sums.copy()
-        for p in range(patches):
-            kept[rank[p]] = sums[p]
-        total[s, :patches], spread[s, :patches], area[s, :patches] = kept[:most, 0], 0.0, 0.0
-        centre[s, :patches], cov[s, :patches] = 0.0, 0.0
-        count[s] = min(patches, most)
-        for k in range(len(own)):
-            r = rank[own[k]] if own[k] >= 0 else -1
-            r = r if r < most else -1
-            label[s, k] = r
-            if r >= 0:
-                centre[s, r] += weight[k] / total[s, r] * positions[k]
-                spread[s, r] += variance[s, k]
-                area[s, r] += areas[k]
-        spread_of_centres(
-            positions, across, weight, variance[s], label[s], total[s], centre[s], cov[s]
-        )
-        for r in range(count[s]):
-            taxels = kept[r, 1]
-            blunt = taxels <= FEW_TAXELS or kept[r, 2] > 0
-            blur = (BLUR if blunt else SHARP) * size / (taxels * taxels)
-            cov[s, r, 0, 0] += blur
-            cov[s, r, 1, 1] += blur
-
-
 @dataclass(frozen=True)
 class Patches:
     """Patches of s frames, strongest first, at most k of each; NaN where there is none."""
@@ -235,16 +75,7 @@ class Patches:
 
 
 class PatchFinder:
-    """Connected patches on one array.
-
-    Parameters
-    ----------
-    positions : ndarray, shape (t, 3)
-        Centres of the taxels (m).
-    areas : ndarray, shape (t,)
-        Of the taxels (m2).
-    most : int
-        Patches of a frame that are kept (k), the strongest.
+    """Connected patches, of each frame the `most` strongest, on taxels at positions (t, 3).
 
     Examples
     --------
@@ -257,49 +88,105 @@ class PatchFinder:
     """
 
     def __init__(self, positions: Array, areas: Array, most: int) -> None:
-        self.positions, self.areas = np.ascontiguousarray(positions), np.ascontiguousarray(areas)
-        self.most = most
-        pairs = neighbours(positions)
+        self.positions, self.areas, self.most = positions, areas, most
+        self.pairs = neighbours(positions)
         self._near: list[list[int]] = [[] for _ in positions]
-        for i, j in pairs.tolist():
+        for i, j in self.pairs.tolist():
             self._near[i].append(j)
             self._near[j].append(i)
-        self._links = np.array([j for nodes in self._near for j in nodes], np.int64)
-        self._first = np.cumsum([0] + [len(nodes) for nodes in self._near])
         self.size = float(np.median(areas))
         self._rim = np.array([self._is_rim(i) for i in range(len(positions))])
-        layer = 2 * len(pairs) > LAYER * len(positions)
+        layer = 2 * len(self.pairs) > LAYER * len(positions)
         self._across = np.zeros((3, len(positions))) if layer else self._lines()
-        self.find(areas[None], areas[None], np.ones((1, len(areas)), bool))  # compiled now
 
     def find(self, load: Array, variance: Array, touched: Bools) -> Patches:
-        """Patches of frames.
+        """Patches of frames, in the unit of the loads (s, t).
 
-        Parameters
-        ----------
-        load, variance : ndarray, shape (s, t)
-            Of each taxel, and its variance; any unit, no NaN.
-        touched : ndarray, shape (s, t)
-            Taxels on which something lies.
-
-        Returns
-        -------
-        Patches
-            In the unit of the loads.
+        These and their variances (s, t) have no NaN; `touched` (s, t) are taxels on which
+        something lies.
         """
-        shape = (len(load), self.most)
-        found = Patches(
-            np.empty(load.shape, np.int64), np.empty(len(load), np.int64),
-            np.full(shape, np.nan), np.full(shape, np.nan), np.full((*shape, 3), np.nan),
-            np.full((*shape, 3, 3), np.nan), np.full(shape, np.nan),
+        step = max(BLOCK // len(self.areas), 1)
+        blocks = [slice(i, i + step) for i in range(0, max(len(load), 1), step)]
+        parts = [self._find(load[rows], variance[rows], touched[rows]) for rows in blocks]
+        return Patches(
+            **{
+                name: np.concatenate([vars(part)[name] for part in parts])
+                for name in vars(parts[0])
+            }
+        )
+
+    def _find(self, load: Array, variance: Array, touched: Bools) -> Patches:
+        """Patches of a few frames."""
+        weight = np.maximum(load, LEAST)
+        row, taxel = np.nonzero(touched)
+        own = self._parts(weight / self.areas, touched)[touched]
+        _, first, patch = np.unique(own, return_index=True, return_inverse=True)
+        patch, count, of_row = patch.reshape(-1), len(first), row[first]
+
+        def total(values: Array) -> Array:
+            return np.bincount(patch, values, count)
+
+        weight = weight[touched]
+        whole, taxels = total(weight), total(np.ones(len(patch)))
+        share = weight / whole[patch]
+        centre = np.stack([total(share * axis) for axis in self.positions[taxel].T], axis=1)
+        away = (self.positions[taxel] - centre[patch]).T
+        scale = variance[touched] / whole[patch] ** 2
+        cov = np.array([[total(scale * a * b) for a in away] for b in away]).transpose(2, 0, 1)
+        # taxels do not tell where they are pressed; across a line nothing is taken back
+        xx, xy, yy = (total(share * one[taxel]) for one in self._across)
+        blunt = (taxels <= FEW_TAXELS) | (total(self._rim[taxel]) > 0)
+        blur = np.where(blunt, BLUR, SHARP) * self.size / (taxels * taxels)
+        cov[:, :2, :2] += np.array([[xx + blur, xy], [xy, yy + blur]]).transpose(2, 0, 1)
+        order = np.lexsort([-whole, of_row])
+        rank = np.empty(count, np.int64)
+        rank[order] = np.arange(count) - np.searchsorted(of_row[order], of_row[order])
+        label = np.full(touched.shape, -1)
+        label[touched] = np.where(rank < self.most, rank, -1)[patch]
+        kept = rank < self.most
+        at, shape = (of_row[kept], rank[kept]), (len(load), self.most)
+
+        def column(values: Array) -> Array:
+            wide = np.full((*shape, *values.shape[1:]), np.nan)
+            wide[at] = values[kept]
+            return wide
+
+        return Patches(
+            label, np.bincount(of_row[kept], minlength=len(load)), column(whole),
+            column(total(variance[touched])), column(centre), column(cov),
+            column(total(self.areas[taxel])),
         )  # fmt: skip
-        patches_of_rows(
-            self._links, self._first, self.positions, self.areas, self._rim, self._across,
-            self.size, np.ascontiguousarray(load), np.ascontiguousarray(variance),
-            np.ascontiguousarray(touched), found.label, found.count, found.load, found.variance,
-            found.position, found.position_cov, found.area,
-        )  # fmt: skip
-        return found
+
+    def _parts(self, pressure: Array, touched: Bools) -> Integers:
+        """Number (s, t) of the patch of each touched taxel.
+
+        Connected taxels are one patch; where little pressure joins two, each lightly pressed taxel
+        goes to the nearest firmly pressed one.
+        """
+        whole, peak = self._components(touched), np.zeros(touched.size)
+        np.maximum.at(peak, whole[touched], pressure[touched])
+        core = touched & (pressure > JOINED * peak[whole])
+        label, light = self._components(core), touched & ~core
+        only, split = np.full(touched.size, -1), np.zeros(touched.size, bool)
+        only[whole[core]] = label[core]
+        split[whole[core & (only[whole] != label)]] = True
+        label[light] = only[whole[light]]
+        for row, taxel in np.argwhere(light & split[whole]):
+            away = np.square(self.positions - self.positions[taxel]).sum(axis=1)
+            same = core[row] & (whole[row] == whole[row, taxel])
+            label[row, taxel] = label[row, np.where(same, away, np.inf).argmin()]
+        return label
+
+    def _components(self, among: Bools) -> Integers:
+        """Number (s, t) of the connected taxels that each marked one is of."""
+        i, j = self.pairs.T  # sorted by the first of each
+        row, pair = np.nonzero(among[:, i] & among[:, j])
+        before = row * among.shape[1]
+        first = np.searchsorted(before + i[pair], np.arange(among.size + 1))
+        entries = np.ones(len(row)), (before + j[pair]).astype(np.int32), first.astype(np.int32)
+        links = csr_matrix(entries, (among.size, among.size))
+        found: Integers = connected_components(links, directed=False)[1]
+        return found.reshape(among.shape)
 
     def _is_rim(self, taxel: int) -> bool:
         """Taxels without a neighbour on one side."""

@@ -93,75 +93,76 @@ def press_point(
 
 
 @compiled
+def press_tube(
+    x: float, y: float, part: float, table: Singles, columns: int, low: Array, pitch: float,
+    bend_cos: float, bend_sin: float, state: Array, cos: float, sin: float, radius: float,
+    slopes: Array,
+) -> bool:  # fmt: skip
+    """As `press_point`, under a tube whose state ends in its half width (m).
+
+    With a radius nothing is added; False where the tube is as near.
+    """
+    dx, dy = x - state[0], y - state[1]
+    u, v = cos * dx + sin * dy, cos * dy - sin * dx
+    along = max(bend_cos * u + bend_sin * v, 0.0)
+    to_u, to_v = min(u, 0.0), v
+    other_u, other_v = u - bend_cos * along, v - bend_sin * along
+    away, other = np.hypot(to_u, to_v), np.hypot(other_u, other_v)
+    if other < away:
+        away, to_u, to_v = other, other_u, other_v
+    rows = len(table) // columns
+    if radius > 0.0:
+        return away > rows * pitch + radius
+    r = int(away / pitch + 0.5)
+    if r < rows:
+        width = (state[4] - low[0]) / low[1]
+        w = min(max(int(width + 0.5), 0), columns - 1)
+        node = r * columns + w
+        rise, wider = table[node, 1], table[node, 2]
+        value = table[node, 0] + rise * (away - r * pitch) + wider * (width - w) * low[1]
+        by = state[3] * rise / max(away, 1e-12)
+        by_u, by_v = by * to_u, by * to_v
+        slopes[3] += part * value
+        slopes[4] += part * state[3] * wider
+        slopes[0] -= part * (cos * by_u - sin * by_v)
+        slopes[1] -= part * (sin * by_u + cos * by_v)
+        slopes[2] += part * (by_u * v - by_v * u)
+    return True
+
+
+@compiled
 def pressed_taxels(
     points: Array, first: Integers, centres: Array, radii: Array, areas: Array, chosen: Integers,
-    table: Singles, columns: int, low: Array, pitch: float, state: Array, force: Array,
-    slopes: Array,
+    table: Singles, columns: int, low: Array, pitch: float, bend: float, state: Array,
+    force: Array, slopes: Array,
 ) -> None:  # fmt: skip
     """Write forces (n,) of chosen taxels at a state and their slopes (n, 3 + k)."""
-    cos, sin = np.cos(state[2]), np.sin(state[2])
+    cos, sin, bend_cos, bend_sin = np.cos(state[2]), np.sin(state[2]), np.cos(bend), np.sin(bend)
+    tube = not np.isnan(bend)
     for i in range(len(chosen)):
         t = chosen[i]
         row = slopes[i]
         row[:] = 0.0
-        if not press_point(
-            centres[t, 0], centres[t, 1], areas[t], table, columns, low, pitch, state, cos, sin,
-            radii[t], row,
-        ):  # fmt: skip
-            part = areas[t] / (first[t + 1] - first[t])
-            for n in range(first[t], first[t + 1]):
-                press_point(
-                    points[n, 0], points[n, 1], part, table, columns, low, pitch, state, cos, sin,
-                    0.0, row,
+        part, radius = areas[t], radii[t]
+        x, y = centres[t]
+        for n in range(first[t] - 1, first[t + 1]):  # its middle first, which may do for all
+            if n >= first[t]:
+                part, radius = areas[t] / (first[t + 1] - first[t]), 0.0
+                x, y = points[n]
+            if tube:
+                done = press_tube(
+                    x, y, part, table, columns, low, pitch, bend_cos, bend_sin, state, cos, sin,
+                    radius, row,
                 )  # fmt: skip
+            else:
+                done = press_point(
+                    x, y, part, table, columns, low, pitch, state, cos, sin, radius, row
+                )
+            if done and radius > 0.0:
+                break
         force[i] = 0.0
-        for k in range(3, len(state)):
+        for k in range(3, 4 if tube else len(state)):
             force[i] += state[k] * row[k]
-
-
-@compiled
-def pressed_by_tube(
-    points: Array, first: Integers, centres: Array, radii: Array, areas: Array,
-    table: Singles, columns: int, low: Array, pitch: float, bend: float, state: Array,
-    force: Array, slopes: Array,
-) -> None:  # fmt: skip
-    """As `pressed_taxels`, of all taxels under a tube whose state ends in its half width (m)."""
-    cos, sin, bend_cos, bend_sin = np.cos(state[2]), np.sin(state[2]), np.cos(bend), np.sin(bend)
-    rows = len(table) // columns
-    width = (state[4] - low[0]) / low[1]
-    w = min(max(int(width + 0.5), 0), columns - 1)
-    for t in range(len(areas)):
-        row = slopes[t]
-        row[:] = 0.0
-        part = areas[t] / (first[t + 1] - first[t])
-        for n in range(first[t] - 1, first[t + 1]):
-            x, y = (centres[t, 0], centres[t, 1]) if n < first[t] else (points[n, 0], points[n, 1])
-            dx, dy = x - state[0], y - state[1]
-            u, v = cos * dx + sin * dy, cos * dy - sin * dx
-            along = max(bend_cos * u + bend_sin * v, 0.0)
-            first_u, other_u, other_v = min(u, 0.0), u - bend_cos * along, v - bend_sin * along
-            away, other = np.hypot(first_u, v), np.hypot(other_u, other_v)
-            to_u, to_v = first_u, v
-            if other < away:
-                away, to_u, to_v = other, other_u, other_v
-            if n < first[t]:
-                if away > rows * pitch + radii[t]:
-                    break
-                continue
-            r = int(away / pitch + 0.5)
-            if r >= rows:
-                continue
-            node = r * columns + w
-            rise, wider = table[node, 1], table[node, 2]
-            value = table[node, 0] + rise * (away - r * pitch) + wider * (width - w) * low[1]
-            by = state[3] * rise / max(away, 1e-12)
-            by_u, by_v = by * to_u, by * to_v
-            row[3] += part * value
-            row[4] += part * state[3] * wider
-            row[0] -= part * (cos * by_u - sin * by_v)
-            row[1] -= part * (sin * by_u + cos * by_v)
-            row[2] += part * (by_u * v - by_v * u)
-        force[t] = state[3] * row[3]
 
 
 @compiled
@@ -255,18 +256,16 @@ def cost_of(force: Array, y: Array, total: Array, stray: float) -> float:
 
 
 @compiled
-def add_priors(
-    state: Array, tube: bool, usual: float, sigma: Array, home: Array, held: Array, free: int,
-    normal: Array, pull: Array,
+def write_prior(
+    state: Array, tube: bool, usual: float, sigma: Array, home: Array, held: Array,
+    middle: Array, tight: Array,
 ) -> None:  # fmt: skip
-    """Add priors of place and amounts to the normal equations."""
-    for m in range(3):
-        normal[m, m] += 1.0 if m >= free else held[m]
-        pull[m] -= held[m] * (state[m] - home[m])
+    """Write means and inverse variances (3 + k,) of place and amounts."""
+    unit = 1.0 if tube else state[3]
+    middle[:3], tight[:3] = home, held
+    middle[3], tight[3] = 0.0, 0.0
     for k in range(1, len(state) - 3):
-        unit = 1.0 if tube else state[3]
-        normal[3 + k, 3 + k] += 1.0 / (sigma[k] * unit) ** 2
-        pull[3 + k] -= (state[3 + k] - usual) / (sigma[k] * unit) ** 2
+        middle[3 + k], tight[3 + k] = usual, 1.0 / (sigma[k] * unit) ** 2
 
 
 @compiled
@@ -282,16 +281,9 @@ def scaled_solution(normal: Array, pull: Array) -> Array:
 
 
 @compiled
-def prior_cost(
-    state: Array, tube: bool, usual: float, sigma: Array, home: Array, held: Array
-) -> float:
-    """Cost of place and amounts."""
-    cost = 0.0
-    for m in range(2):
-        cost += 0.5 * held[m] * (state[m] - home[m]) ** 2
-    for k in range(1, len(state) - 3):
-        cost += 0.5 * ((state[3 + k] - usual) / (sigma[k] * (1.0 if tube else state[3]))) ** 2
-    return cost
+def stray_density(top: float) -> float:
+    """Density of a reading that fits no state, in parts of that of one that does."""
+    return STRAY / (1 - STRAY) / (1.5 * top)
 
 
 @compiled
@@ -309,27 +301,26 @@ def descend(
     """
     size, count = len(state), len(chosen)
     slopes, pull = np.empty((count, size)), np.empty(size)
+    middle, tight = np.empty(size), np.empty(size)
     tube = not np.isnan(bend)
     usual = low[0] + USUAL_WIDTH * low[1] * (columns - 1) if tube else 0.0
-    stray = STRAY / (1 - STRAY) / (1.5 * top)
+    stray = stray_density(top)
     for step in range(len(loose)):
         if tube:
             state[4] = min(max(state[4], low[0]), low[0] + low[1] * (columns - 1))
-            pressed_by_tube(
-                points, first, centres, radii, areas, table, columns, low, pitch, bend, state,
-                force, slopes,
-            )  # fmt: skip
-        else:
-            pressed_taxels(
-                points, first, centres, radii, areas, chosen, table, columns, low, pitch, state,
-                force, slopes,
-            )  # fmt: skip
+        pressed_taxels(
+            points, first, centres, radii, areas, chosen, table, columns, low, pitch, bend, state,
+            force, slopes,
+        )  # fmt: skip
         fill_variances(
             force, slopes, y, variance, edge, (loose[step] * top) ** 2, PRESENT * top,
             free + size - 3, sharp, total,
         )  # fmt: skip
         normal_equations(force, slopes, y, total, stray, free, normal, pull)
-        add_priors(state, tube, usual, sigma, home, held, free, normal, pull)
+        write_prior(state, tube, usual, sigma, home, held, middle, tight)
+        for m in range(size):
+            normal[m, m] += 1.0 if free <= m < 3 else tight[m]
+            pull[m] -= tight[m] * (state[m] - middle[m])
         move = scaled_solution(normal, pull)
         far = 0.0
         for m in range(free):
@@ -341,21 +332,12 @@ def descend(
         state[3] = max(state[3], 0.3 * (state[3] - shrink * move[3]))
         if loose[step] == 0.0 and far < CLOSE:
             break
-    return prior_cost(state, tube, usual, sigma, home, held)
+    write_prior(state, tube, usual, sigma, home, held, middle, tight)
+    return 0.5 * float((tight * np.square(state - middle)).sum())
 
 
 class TaxelPoints:
-    """Points that stand for taxels.
-
-    Parameters
-    ----------
-    positions, areas : ndarray, shape (t, 3) and (t,)
-        Centres (m) and areas (m2).
-    outlines : sequence of Outline, or None
-        Shapes of the taxels; None: squares.
-    count : int
-        Points of a taxel, about.
-    """
+    """About `count` points for each taxel; without outlines they are squares."""
 
     def __init__(
         self, positions: Array, areas: Array, outlines: Sequence[Outline] | None, count: int
@@ -376,40 +358,23 @@ class TaxelPoints:
         chosen = np.arange(len(self.areas)) if chosen is None else chosen
         force, slopes = np.empty(len(chosen)), np.empty((len(chosen), len(state)))
         shape = self.points, self.first, self.centres, self.radii, self.areas
-        table = fields.table, fields.columns, fields.low, fields.pitch
-        if fields.tube:
-            pressed_by_tube(*shape, *table, fields.bend, state, force, slopes)
-        else:
-            pressed_taxels(*shape, chosen, *table, state, force, slopes)
+        table = fields.table, fields.columns, fields.low, fields.pitch, fields.bend
+        pressed_taxels(*shape, chosen, *table, state, force, slopes)
         return force, slopes
 
 
 @dataclass
 class Found:
-    """A recognised object: label -1 where no object explains the frame.
-
-    Attributes
-    ----------
-    pose, cov : ndarray, shapes (3,) and (3, 3)
-        x, y (m), yaw (rad), and their covariance.
-    order : int
-        Symmetry about the origin: 0 any turn.
-    expected : ndarray, shape (t,)
-        Forces of the taxels under the object.
-    cover : ndarray, shape (t,)
-        Covered areas (m2).
-    pressure : float
-        Force of a covered area.
-    """
+    """A recognised object: label -1 where no object explains the frame."""
 
     label: int
     probability: float
-    pose: Array
-    cov: Array
-    order: int
-    expected: Array
-    cover: Array
-    pressure: float
+    pose: Array  # (3,) x, y (m), yaw (rad)
+    cov: Array  # (3, 3) of the pose
+    order: int  # symmetry about the origin: 0 any turn
+    expected: Array  # (t,) forces of the taxels under the object
+    cover: Array  # (t,) covered areas (m2)
+    pressure: float  # force of a covered area
 
 
 @dataclass
@@ -427,16 +392,9 @@ class Descent:
 
 
 class ObjectPose:
-    """Objects on one array.
+    """Objects that may lie on one array; a label is an index into them.
 
-    Parameters
-    ----------
-    positions, areas : ndarray, shape (t, 3) and (t,)
-        Centres (m) and areas (m2) of the taxels.
-    taxel_outlines : sequence of Outline, or None
-        Their shapes; None: squares.
-    objects : sequence of Outline or LearnedFields
-        Objects that may lie there; a label is an index into them.
+    Taxels have positions (t, 3) (m), areas (t,) (m2) and outlines; None: they are squares.
     """
 
     def __init__(
@@ -566,11 +524,11 @@ class ObjectPose:
         for pose in np.column_stack([self.poses[few], amount]):
             if len(taken) == STARTS:
                 break
-            if all(self._apart(pose, other) > 1.0 for other in taken):
+            if all(self._separation(pose, other) > 1.0 for other in taken):
                 taken.append(pose)
         return np.array(taken)
 
-    def _apart(self, pose: Array, other: Array) -> float:
+    def _separation(self, pose: Array, other: Array) -> float:
         """Distance of two poses (object, x, y, yaw), in what is counted as another start."""
         if pose[0] != other[0]:
             return np.inf
@@ -621,23 +579,10 @@ class ObjectPose:
         return Descent(index, state, normal, cost, prior, every, rest, sigma)
 
     def locate(self, force: Array, noise: Array, usable: Bools, spread: float | Array) -> Found:
-        """Recognise and place the object under one frame.
+        """Recognise and place the object under one frame; label -1: none, or none of these.
 
-        Parameters
-        ----------
-        force : ndarray, shape (t,)
-            Of each taxel (any unit).
-        noise : ndarray, shape (t,)
-            Its standard deviation at rest.
-        usable : ndarray, shape (t,)
-            False: dead or unknown.
-        spread : float or ndarray, shape (t,)
-            Error of a force in parts of it.
-
-        Returns
-        -------
-        Found
-            Label -1 if there is none, or none of these.
+        Forces (t,) of any unit have a `noise` (t,) at rest and a relative error `spread`, one or
+        (t,); taxels that are not `usable` (t,) are dead or unknown.
         """
         y = np.maximum(force, 0.0) * usable
         ranked = np.sort(y)
@@ -661,7 +606,7 @@ class ObjectPose:
             far = len(finals) >= FINALISTS or end.cost > ends[0].cost + MARGIN
             if far and len(self.areas) > VAGUE:
                 break
-            if all(self._apart(pose, o) > 0.3 for o in others):
+            if all(self._separation(pose, o) > 0.3 for o in others):
                 finals.append(end)
         finals = [
             self._descend(True, index, self._refined(index, end.state), y, variance, top, even)
@@ -747,11 +692,6 @@ class ObjectPose:
         return Found(
             label, chance, pose, cov, fields.order, best.force, cover, float(best.state[3])
         )
-
-
-def stray_density(top: float) -> float:
-    """Density of a reading that fits no state, in parts of that of one that does."""
-    return STRAY / (1 - STRAY) / (1.5 * top)
 
 
 def first_state(fields: ObjectFields, x: float, y: float, yaw: float) -> Array:

@@ -8,7 +8,7 @@ from time import perf_counter_ns
 import numpy as np
 import pytest
 
-from tactile_ros.estimators.contact_patches import PatchFinder, flood, neighbours
+from tactile_ros.estimators.contact_patches import PatchFinder, neighbours
 from tactile_ros.sensors.taxel_array.config import grid_positions, radial_positions
 
 RINGS = np.vstack([radial_positions(24, r, r + 5e-3) for r in (5e-3, 10e-3, 15e-3)])
@@ -36,10 +36,9 @@ def test_neighbours_of_any_layout(positions: np.ndarray, count: int | None) -> N
     assert len(np.unique(pairs, axis=0)) == len(pairs)
     away = np.linalg.norm(positions[pairs[:, 0]] - positions[pairs[:, 1]], axis=1)
     assert (away <= 3 * away.min(initial=1.0)).all()
-    finder = PatchFinder(positions, np.ones(len(positions)), 1)
-    label = np.empty(len(positions), np.int64)
-    # the whole array hangs together
-    assert flood(finder._links, finder._first, np.ones(len(positions), bool), label) == 1
+    load = np.ones((1, len(positions)))
+    found = PatchFinder(positions, load[0], 2).find(load, load, load > 0)
+    assert found.count.tolist() == [1]  # the whole array hangs together
 
 
 def test_neighbours_turn_and_grow_with_the_array() -> None:

@@ -14,7 +14,6 @@ from tactile_ros.conditioning.faults import UNUSABLE
 from tactile_ros.conditioning.viscoelastic import Creep, History, fit_creep
 from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.object_pose import ObjectPose
-from tactile_ros.physics.compiled import compiled
 from tactile_ros.physics.coverage import LearnedFields
 from tactile_ros.physics.crosstalk import Unmixing
 from tactile_ros.sensors.regression import CLASSES as REGRESSION_CLASSES
@@ -63,22 +62,6 @@ BEYOND, UNTOLD = 1.1, 0.5  # times the largest reference load; error of what lie
 AROUND, GUESSED = 4, 0.5  # taxels that stand for a lost one; error of its force, in parts
 
 
-@compiled
-def fill_rows(forces: Array, near: Integers, areas: Array, load: Array) -> None:
-    """Write loads (s, t): forces, and for NaN the pressure of the nearest taxels that have one."""
-    for i in range(len(forces)):
-        for k in range(forces.shape[1]):
-            load[i, k] = forces[i, k]
-            if not np.isnan(forces[i, k]):
-                continue
-            total, count = 0.0, 0
-            for other in near[k]:
-                if count < AROUND and not np.isnan(forces[i, other]):
-                    total += forces[i, other] / areas[other]
-                    count += 1
-            load[i, k] = areas[k] * total / count if count else 0.0
-
-
 class Memory(FadingMemory):
     """The past of regressors, strains of the skin, ids of patches, level of the last tare.
 
@@ -125,58 +108,32 @@ def reference(truth: Columns, name: str, good: Bools) -> Array | None:
 class TaxelRegression(Regression):
     """Laws of the taxels with their sum and centre, objects by their outline, and regressors.
 
-    Parameters
-    ----------
-    config : TaxelArrayConfig
-        Of the sensor.
-    estimator : str or None
-        A law: the taxels' forces alone by it; a regressor: place and total force alone; None:
-        everything, the best on held-out groups.
-
-    Attributes
-    ----------
-    law_ : Equilibration or None
-        Forces of the taxels.
-    shape_ : Equilibration or None
-        Deformation of the taxels: the calibrated shape factor.
-    creep_ : Creep or None
-        Memory of the skin, where that helped.
-    silent_ : ndarray, shape (t,)
-        Taxels found dead or stuck in the fit, without labels.
-    noise_ : ndarray, shape (t,)
-        Of outputs at rest (fraction).
-    idle_ : ndarray, shape (t,)
-        Error of the force of a taxel that bears nothing (N).
-    light_ : float
-        Error of the force of a lightly loaded taxel, where laws are the least certain (N).
-    spread_ : float
-        Error of a taxel's force in parts of it.
-    total_ : CovarianceModel or None
-        Of the sum of the taxels' forces.
-    learned_ : LearnedObject or None
-        The object whose yaw was labelled, where no outline is stated.
-    rest_ : tuple of ndarray, shape (t,), or None
-        Baseline of the fit, and how far a skin that was never pressed is above it.
+    `estimator` is a law: the taxels' forces alone by it; a regressor: place and total force alone;
+    None: everything, the best on held-out groups.
     """
 
     has_surface = True
+    law_: Equilibration | None  # forces of the taxels
+    shape_: Equilibration | None  # deformation of the taxels: the calibrated shape factor
+    creep_: Creep | None  # memory of the skin, where that helped
+    silent_: Bools  # (t,) taxels found dead or stuck in the fit, without labels
+    noise_: Array  # (t,) of outputs at rest (fraction)
+    idle_: Array  # (t,) error of the force of a taxel that bears nothing (N)
+    light_: float  # error of the force of a lightly loaded taxel, where laws are least certain (N)
+    spread_: float  # error of a taxel's force in parts of it
+    total_: CovarianceModel | None  # of the sum of the taxels' forces
+    learned_: LearnedObject | None  # whose yaw was labelled, where no outline is stated
+    # (t,) baseline of the fit, and how far a skin that was never pressed is above it
+    rest_: tuple[Array, Array] | None
 
     def __init__(self, config: SensorConfig, estimator: str | None = None) -> None:
         super().__init__(config, None if estimator in LAWS else estimator, channels=1)
         self.only = estimator or ''
         self.config = cast('TaxelArrayConfig', config)
-        self.law_: Equilibration | None = None
-        self.shape_: Equilibration | None = None
-        self.creep_: Creep | None = None
+        self._forget()
         taxels = len(config.positions)
-        self.silent_: Bools = np.zeros(taxels, bool)
-        self.noise_: Array = np.full(taxels, QUANTUM)
-        self.idle_: Array = np.zeros(taxels)
-        self.light_ = 0.0
-        self.spread_ = UNLEARNED
-        self.total_: CovarianceModel | None = None
-        self.learned_: LearnedObject | None = None
-        self.rest_: tuple[Array, Array] | None = None
+        self.silent_, self.noise_ = np.zeros(taxels, bool), np.full(taxels, QUANTUM)
+        self.idle_, self.light_, self.spread_ = np.zeros(taxels), 0.0, UNLEARNED
         self.errors_: dict[str, float] = {}
         self.open_: Report = {}
 
@@ -256,6 +213,16 @@ class TaxelRegression(Regression):
             own['yaw'] = self.learned_.report_
         return {**super().report, **own, **self.open_}
 
+    def _forget(self) -> None:
+        """Forget what was learned, and what follows from laws."""
+        self.law_ = self.shape_ = self.creep_ = self.total_ = self.rest_ = self.learned_ = None
+        self._renew()
+
+    def _renew(self) -> None:
+        """Forget what follows from laws."""
+        for name in ('patches', 'largest'):
+            vars(self).pop(name, None)
+
     def start(self) -> Memory:
         """Fresh memory of a stream."""
         creep = None if self.creep_ is None else self.creep_.start()
@@ -263,10 +230,7 @@ class TaxelRegression(Regression):
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn every target of which truth knows a component; see `Regression`."""
-        self.law_, self.shape_, self.creep_, self.total_, self.rest_ = (None,) * 5
-        self.learned_ = None
-        for name in ('patches', 'largest'):
-            vars(self).pop(name, None)
+        self._forget()
         signals = self.unmixing(signals)
         good, output = signals.good, signals.delta[..., 0]
         force = reference(truth, 'taxel_force', good)
@@ -321,8 +285,7 @@ class TaxelRegression(Regression):
                 else:
                     force = force + self.creep_.crept(force, past.stamp_ns, begins)
         self.law_ = Equilibration(self.only or None).fit(output, force, group)
-        for name in ('patches', 'largest'):
-            vars(self).pop(name, None)
+        self._renew()
         self._measure(signals, truth, group)
         self.law_.held_out_ = np.zeros((0, 0))
 
@@ -455,14 +418,20 @@ class TaxelRegression(Regression):
 
     def _loads(self, forces: Array) -> tuple[Array, Array]:
         """Forces (s, t) without gaps, and their variances."""
-        load = np.empty(forces.shape)
-        fill_rows(np.ascontiguousarray(forces), self.near, self.config.areas, load)
+        lost, areas = np.isnan(forces), self.config.areas
+        load = np.where(lost, 0.0, forces)
+        if lost.any():  # the pressure of the nearest taxels that have one
+            row, taxel = np.nonzero(lost & ~lost.all(axis=1, keepdims=True))
+            others = self.near[taxel]
+            pressure = forces[row[:, None], others] / areas[others]
+            told = np.isfinite(pressure)
+            told &= np.cumsum(told, axis=1) <= AROUND
+            total = np.where(told, pressure, 0.0).sum(axis=1)
+            load[row, taxel] = areas[taxel] * total / np.maximum(told.sum(axis=1), 1)
         variance = np.square(self._parts(load) * load)
         if self.law_ is not None:
             variance += self.idle_**2
-        lost = np.isnan(forces)
-        if np.count_nonzero(lost):
-            variance[lost] = np.square(GUESSED * load[lost])
+        variance[lost] = np.square(GUESSED * load[lost])
         return load, variance
 
     def _of_sums(self, load: Array, variance: Array) -> Array:
