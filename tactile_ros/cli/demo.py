@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
     from tactile_ros.evaluation.recording_files import LoadedRecording
     from tactile_ros.pipeline import Pipeline
-    from tactile_ros.sensors.registry import TwinLesson
+    from tactile_ros.sensors.registry import EnrolmentScene
     from tactile_ros.types import Recording
 
     Say = Callable[[str], None]
@@ -410,7 +410,7 @@ def play_twin(key: str, seed: int, output: Path, seconds: float, say: Say) -> No
         running.stop(['stack' if fast else 'sensor_node'])
 
 
-def teach(lesson: TwinLesson, number: int, namespace: str, say: Say) -> None:
+def teach(lesson: EnrolmentScene, number: int, namespace: str, say: Say) -> None:
     """Enrol the class of a number once the truth says that it presses.
 
     Raises

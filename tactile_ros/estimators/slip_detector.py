@@ -14,6 +14,7 @@ Source: L. L. Scharf and B. Friedlander, Matched subspace detectors, IEEE Trans.
 from __future__ import annotations
 
 import numpy as np
+from scipy.optimize import brentq
 
 from tactile_ros.estimators.regression import fitted
 from tactile_ros.types import Array, Bools, Integers, as_shape
@@ -26,7 +27,7 @@ MISSED = 0.02  # share of pulls whose pattern may be too strange
 BEYOND = 1.5  # times the largest change of any pull: not known
 SMALLEST, SHARPNESS = 1e-3, 4.0  # of the threshold's search: range, and errors per ln of size
 FARTHEST = 5.0  # |ln| of a score, so that no probability is exactly 0 or 1
-FLATTEST, STEEPEST, HALVINGS = 0.1, 50.0, 60
+FLATTEST, STEEPEST = 0.1, 50.0
 
 
 class SlipDetector:
@@ -51,21 +52,10 @@ class SlipDetector:
     report_: dict[str, float]  # on held-out sequences
 
     def fit(self, x: Array, slip: Integers, sequence: Integers) -> SlipDetector:
-        """Learn from sequences of which it is known whether they slip.
+        """Learn from finite changes (s, d) since the tare, of sequences (s,) that slip or hold.
 
-        Parameters
-        ----------
-        x : ndarray, shape (s, d)
-            Change since the tare, all finite.
-        slip : ndarray, shape (s,)
-            1 slips, 0 holds; the sequence slips when any of its frames says 1.
-        sequence : ndarray, shape (s,)
-            Number of the sequence that each frame is of.
-
-        Raises
-        ------
-        ValueError
-            If fewer than five sequences slip, or fewer than five hold.
+        A sequence slips when any of its frames says 1. ValueError if fewer than five sequences
+        slip, or fewer than five hold.
         """
         x = as_shape('x of SlipDetector', x, (-1, -1))
         parts = [np.flatnonzero(sequence == name) for name in np.unique(sequence)]
@@ -96,18 +86,9 @@ class SlipDetector:
         return self
 
     def predict(self, x: Array) -> Array:
-        """Probability of slip in each frame.
+        """Probability of slip (s,) at changes (s, d) since the tare; above 0.5: it slips.
 
-        Parameters
-        ----------
-        x : ndarray, shape (s, d)
-            Change since the tare.
-
-        Returns
-        -------
-        ndarray, shape (s,)
-            Above 0.5 where the score exceeds 1; NaN where a feature is NaN, or the change is
-            larger than pulls have ever made it.
+        NaN where a feature is NaN, or the change is larger than pulls have ever made it.
         """
         fitted(self, 'basis_')
         inside, outside = self._split(x, self.basis_)
@@ -125,16 +106,13 @@ class SlipDetector:
 
     def _strongest(self, inside: Array, outside: Array) -> float:
         """Largest change inside the subspace among frames that may be a pull's; 0: none may."""
-        fits = (inside >= self.tilt_ * outside) & self._known(inside, outside)
+        fits = (inside >= self.tilt_ * outside) & (np.hypot(inside, outside) <= self.range_)
         return float(np.where(fits, inside, 0.0).max())
 
     def _score(self, inside: Array, outside: Array) -> Array:
         """Distance of a change beyond both thresholds, shape (s,); 1 at the nearer one."""
         least = np.maximum(self.level_, self.tilt_ * outside)
-        return np.where(self._known(inside, outside), inside / least, 0.0)
-
-    def _known(self, inside: Array, outside: Array) -> Bools:
-        return np.asarray(np.hypot(inside, outside) <= self.range_)
+        return np.where(np.hypot(inside, outside) <= self.range_, inside / least, 0.0)
 
 
 def _pattern(pull: Array) -> Array:
@@ -186,19 +164,19 @@ def _level(pulled: Array, rested: Array) -> float:
 def _slope(scores: Array, told: Bools) -> float:
     """Slope of balanced log odds over scores (n,), by maximum likelihood.
 
-    Targets are drawn in by one sequence of either kind (J. Platt, 1999), so that classes without
-    an overlap give a finite slope.
+    Targets are drawn in by one sequence of either kind (J. Platt, 1999), so that it is finite.
     """
     count = np.array([(~told).sum(), told.sum()], np.float64)
     target = np.where(told, (count[1] + 1) / (count[1] + 2), 1 / (count[0] + 2))
     weight = np.where(told, 1 / count[1], 1 / count[0])
-    low, high = FLATTEST, STEEPEST
-    for _ in range(HALVINGS):
-        slope = 0.5 * (low + high)
+
+    def rise(slope: float) -> float:
         said = 1.0 / (1.0 + np.exp(-slope * scores))
-        steeper = float((weight * scores * (target - said)).sum()) > 0
-        low, high = (slope, high) if steeper else (low, slope)
-    return 0.5 * (low + high)
+        return float((weight * scores * (target - said)).sum())
+
+    if rise(FLATTEST) * rise(STEEPEST) >= 0:
+        return STEEPEST if rise(FLATTEST) > 0 else FLATTEST
+    return float(brentq(rise, FLATTEST, STEEPEST, xtol=1e-12))
 
 
 def _judged(said: Bools, told: Bools) -> dict[str, float]:

@@ -64,64 +64,38 @@ class Design(Protocol):
 
 
 @dataclass(frozen=True)
-class TwinLesson:
-    """A scene of a twin with something in it that its calibration does not know.
-
-    Attributes
-    ----------
-    calibration : callable
-        Recording with truth to calibrate on, for a config and a seed.
-    scene : callable
-        Recording with truth that the twin plays, for a config, a seed and the noise of a channel.
-    """
+class EnrolmentScene:
+    """A scene of a twin with something in it that its calibration does not know."""
 
     label: str  # name of the new class; in truth its number follows those of `config.objects`
     presses: int  # from which it is learned
-    calibration: Callable[..., Recording]
-    scene: Callable[..., Recording]
+    calibration: Callable[..., Recording]  # with truth, for a config and a seed
+    scene: Callable[..., Recording]  # with truth, for a config, a seed and the noise of a channel
 
 
 @dataclass(frozen=True)
 class SensorSpec:
-    """Everything that the house knows about one kind of sensor.
-
-    Attributes
-    ----------
-    estimation : callable
-        Features and estimators for a config; the second argument names an estimator or is None.
-    noise : float
-        Standard deviation of a reading of a twin (unit of the layout) where the config says none.
-    presses : callable
-        Recording with truth of a simple programme of presses, for a config and a seed.
-    recordings : callable
-        Recordings of a real one that the package carries, by name.
-    temperature : callable or None
-        Chip temperatures of `presses` for a config: time (s) -> (t,) (degrees Celsius).
-    demo : mapping of str to object
-        Fields of the config with which `tactile demo` runs its twin, where they are not the
-        defaults; such as ROS parameters can hold.
-    lesson : TwinLesson or None
-        What its twin can play instead of `presses`, to be taught by it.
-    """
+    """Everything that the house knows about one kind of sensor."""
 
     key: str  # name of its folder
-    # where it was published; what it is, in a line
-    paper: str
-    summary: str
+    paper: str  # where it was published
+    summary: str  # what it is, in a line
     transports: tuple[str, ...]  # how it can be connected, in words
     # frozen dataclasses with all defaults: geometry and materials; port and protocol
     config: Callable[..., SensorConfig]
     connection: Callable[..., Connection]
-    layout: Callable[..., Layout]  # layout of a config
-    estimation: Callable[..., Estimation]
-    estimator_names: tuple[str, ...]  # what the second argument may be
-    noise: float
-    presses: Callable[..., Recording]
+    layout: Callable[..., Layout]  # of a config
+    estimation: Callable[..., Estimation]  # of a config, and the name of an estimator or None
+    estimator_names: tuple[str, ...]  # what that name may be
+    noise: float  # of a reading of a twin (unit of the layout) where the config says none
+    presses: Callable[..., Recording]  # of a simple programme, with truth, for a config and a seed
     classes: tuple[type, ...]  # what a calibration file of this sensor may hold
-    recordings: Callable[[], Mapping[str, Recording]]
+    recordings: Callable[[], Mapping[str, Recording]]  # of a real one, carried by the package
+    # chip temperatures of `presses` for a config: time (s) -> (t,) (degrees Celsius)
     temperature: Callable[..., Signal] | None = None
+    # fields with which `tactile demo` runs its twin, such as ROS parameters can hold
     demo: Mapping[str, object] = field(default_factory=dict)
-    lesson: TwinLesson | None = None
+    lesson: EnrolmentScene | None = None  # what its twin can play instead of `presses`
 
     def __repr__(self) -> str:
         """Key, summary and estimators in a line."""
@@ -154,24 +128,10 @@ class SensorSpec:
     def pipeline(
         self, config: SensorConfig | None = None, estimator: str | None = None
     ) -> Pipeline:
-        """Pipeline that is not fitted yet.
+        """Pipeline to be fitted, or run on its nominal model where there is one.
 
-        Parameters
-        ----------
-        config : dataclass, optional
-            Default: that of the board as sold.
-        estimator : str, optional
-            One of `estimator_names`; default: chosen in `fit`.
-
-        Returns
-        -------
-        Pipeline
-            Fit it, or run it on its nominal model where there is one.
-
-        Raises
-        ------
-        ValueError
-            If there is no such estimator.
+        The default config is that of the board as sold; `estimator` is one of `estimator_names`,
+        else ValueError; default: chosen in `fit`.
         """
         if estimator is not None and estimator not in self.estimator_names:
             msg = (
@@ -183,13 +143,7 @@ class SensorSpec:
         return Pipeline(self.key, config, self.layout(config), self.estimation(config, estimator))
 
     def design(self) -> Design:
-        """Module that trades its geometry and materials, read only when it is asked for.
-
-        Raises
-        ------
-        ValueError
-            If the sensor has none; the sentence lists those that have one.
-        """
+        """Module that trades its geometry and materials; ValueError if the sensor has none."""
         if self.key not in designable():
             keys = ', '.join(designable())
             msg = f'sensor must be one that can be designed ({keys}); received {self.key!r}'
@@ -225,15 +179,7 @@ def designable() -> list[str]:
 
 
 def load_sensor(key: str) -> SensorSpec:
-    """Look a sensor up by its key.
-
-    Raises
-    ------
-    ValueError
-        If there is none of that name; the sentence lists the keys.
-    TactileError
-        If its file cannot be loaded.
-    """
+    """Sensor of a key; ValueError: there is none, TactileError: it cannot be loaded."""
     key = ALIASES.get(key, key)
     if key not in list_sensors():
         close = get_close_matches(key, [*list_sensors(), *ALIASES], 1)

@@ -24,25 +24,9 @@ SIZE = 100e-3
 class FiveWireSkinConfig:
     """One sheet with four corner electrodes and a foil; lengths in m, origin at electrode A.
 
-    Attributes
-    ----------
-    positions, rotations : ndarray, shape (t, 3) and (t, 3, 3) or None
-        Middle of the sheet; rotations carry no meaning for potentials.
-    saturation, noise : float, ndarray of shape (3,), or None
-        Largest reading and noise of a channel (fraction of the supply).
-    rate_hz, track_baseline : float, bool
-        Frames per second; whether slow drift at rest is followed.
-    size : ndarray, shape (2,)
-        Of the sheet: A to B along x, A to D along y.
-    touch_size : float
-        Edge of a square touch.
-    sheet_resistance, border_ratio : float
-        Of the sheet (ohm per square); sheet conductance of border over sheet.
-    supply_voltage, reference_resistance : float
-        V; R0 of the divider (ohm).
-    third_excitation : bool
-        Whether the foil is read under a third excitation, too, of any levels at the corners,
-        such as the third phase of three: a fourth channel, whose share in the place is learned.
+    The sheet reaches from A to B along x, from A to D along y. With `third_excitation` the foil is
+    read under a third one, too, of any levels at the corners, such as the third phase of three: a
+    fourth channel, whose share in the place is learned.
     """
 
     positions: Array = array([[SIZE / 2, SIZE / 2, 0]], 'middle of the sheet', 'm', (-1, 3))

@@ -37,15 +37,9 @@ EVERY, STROKE = 3, 25e-3  # every third press is drawn over the sheet, by about 
 
 @dataclass(frozen=True)
 class Strokes(Programme):
-    """Presses that move over the sheet while they last.
+    """Presses that move over the sheet while they last."""
 
-    Attributes
-    ----------
-    moved : ndarray, shape (n, 3)
-        From the beginning of a press to its end (m).
-    """
-
-    moved: Array = field(default_factory=lambda: np.zeros((1, 3)))
+    moved: Array = field(default_factory=lambda: np.zeros((1, 3)))  # (n, 3) to their ends (m)
 
     def at(self, times: npt.ArrayLike) -> Touches:
         """Touches at times (s,) in seconds since the start."""
@@ -120,10 +114,7 @@ def presses(
 class FiveWireSkinConnection(FramedConnection):
     """A microcontroller that excites the corners in turn and sends its counts in frames.
 
-    Attributes
-    ----------
-    full_count : int
-        Count of the converter at the supply; [5] used the 12 bits of a PIC18F25K80.
+    [5] used the 12 bits of a PIC18F25K80.
     """
 
     full_count: int = whole(4095, 'count of the converter at the supply', 1, 0xFFFF)

@@ -35,7 +35,7 @@ from tactile_ros.sensors.multipole_skin.twin import (
     one_head,
     presses,
 )
-from tactile_ros.sensors.registry import SensorSpec, TwinLesson
+from tactile_ros.sensors.registry import EnrolmentScene, SensorSpec
 from tactile_ros.sensors.regression import CLASSES, ESTIMATORS
 from tactile_ros.types import Outline
 
@@ -68,5 +68,5 @@ SENSOR = SensorSpec(
         *CLASSES,
     ),
     recordings=dict,
-    lesson=TwinLesson(NEW.name, SHOTS, one_head, new_head),
+    lesson=EnrolmentScene(NEW.name, SHOTS, one_head, new_head),
 )

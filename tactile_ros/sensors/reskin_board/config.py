@@ -27,23 +27,10 @@ CROSS = PITCH * np.array([[0, 0, 0], [-1, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0
 class ReskinBoardConfig:
     """Places and range of the chips, any number of them.
 
-    Attributes
-    ----------
-    positions : ndarray, shape (t, 3)
-        Chips in the sensor frame (m).
-    rotations : ndarray, shape (t, 3, 3), or None
-        Chip axes to sensor axes. The five chips of the board are turned about z by -90, -90,
-        180, 90 and 0 degrees; regressors learn that, so that the default leaves it out.
-    saturation : float or ndarray, shape (3,), or None
-        Magnitude at which a channel wraps (T); inf or None: never. The default suits gain 4x at
-        resolution 2; the boards' first firmware (gain 1.33x, resolution 0) wraps at 6.6, 6.6 and
-        10.6 mT.
-    noise : float, ndarray, shape (3,), or None
-        Noise of a channel (T); None: estimated from rest.
-    rate_hz : float
-        Frames per second that the board sends.
-    track_baseline : bool
-        Follow slow drift while nothing touches.
+    The five chips of the board are turned about z by -90, -90, 180, 90 and 0 degrees; regressors
+    learn that, so that the default leaves rotations out. The default saturation suits gain 4x at
+    resolution 2; the boards' first firmware (gain 1.33x, resolution 0) wraps at 6.6, 6.6 and
+    10.6 mT.
     """
 
     positions: Array = array(CROSS, 'chip positions', 'm', (-1, 3))

@@ -68,24 +68,14 @@ class TaxelArrayConfig:
 
     Attributes
     ----------
-    positions, rotations : ndarray, shape (t, 3) and (t, 3, 3) or None
-        Centres of the taxels; rotations carry no meaning for pressures.
-    saturation, noise : float, ndarray of shape (1,), or None
-        Full output and noise of a channel (fraction).
-    rate_hz, track_baseline : float, bool
-        Frames per second; whether slow drift at rest is followed.
     areas : ndarray, shape (t,)
         Of the taxels (m2); one number, or equal numbers, hold for any count of taxels.
     taxel_outlines : tuple of Outline, or None
         Shapes of the taxels in the sensor frame; see `sectors`. None: only the areas are known.
-    force_range : ndarray, shape (2,)
-        Least and largest force of a taxel (N).
     objects : tuple of Outline
         Parts that may be gripped; `label` is an index into them.
     parts : str
         The same as a text, for ROS parameters: see `physics.coverage.read_parts`; `objects` win.
-    most_contacts : int
-        Patches of a frame that are reported (k), the strongest.
     crosstalk : str
         'none': the read-out isolates every crossing; 'grounded': rows that are not selected are
         tied to ground, u_ij = g_ij / (1 + sum_k g_kj); 'floating': they and the columns float,

@@ -26,27 +26,13 @@ Arrays = dict[str, npt.NDArray[np.generic]]
 
 
 def load(name: str, board: Layout) -> Recording:
-    """Load one of the shipped recordings.
+    """Load one of the shipped recordings; ValueError if there is none of that name.
 
-    Parameters
-    ----------
-    name : str
-        'spatial' (31 x 31 places, 5 touches each), 'normal_1', 'normal_2' (ten press cycles),
-        'shear' (two boards, ten cycles along one axis, called x), 'slip' (90 pulls, two boards).
-    board : Layout
-        Of as many chips as the recording has: 5, or 10 for 'shear' and 'slip'.
-
-    Returns
-    -------
-    Recording
-        With a tare row before every touch or cycle (the resting reading that came with it), truth
-        `position` (m, from the middle of the scanned square) or `force` (N), `session` and
-        `repetition`.
-
-    Raises
-    ------
-    ValueError
-        If there is no recording of that name.
+    'spatial': 31 x 31 places, 5 touches each; 'normal_1', 'normal_2': ten press cycles; 'shear':
+    two boards, ten cycles along one axis, called x; 'slip': 90 pulls, two boards. A tare row, the
+    resting reading that came with it, is before every touch or cycle. Truth is `position` (m, from
+    the middle of the scanned square) or `force` (N), `session` and `repetition`. The board has 5
+    chips, or 10 for 'shear' and 'slip'.
     """
     if name not in NAMES:
         msg = f'name of a shipped recording must be one of {", ".join(NAMES)}; received {name!r}'

@@ -41,19 +41,10 @@ def counts(
 
 
 def packed(table: npt.ArrayLike) -> npt.NDArray[np.uint8]:
-    """Bytes that compress well.
+    """Bytes (b, n, s), which compress well, of whole numbers (s, n) or (s,) below 2^62.
 
-    Parameters
-    ----------
-    table : array_like, shape (s, n) or (s,)
-        Whole numbers below 2^62.
-
-    Returns
-    -------
-    ndarray, shape (b, n, s)
-        Bytes of the differences along time, lowest first, as many as are needed: first all
-        channels' low bytes, which alone vary. The sign is the lowest bit, so that small steps
-        down have no high bytes either.
+    They are those of the differences along time, lowest first, as many as are needed. The sign is
+    the lowest bit, so that small steps down have no high bytes either.
     """
     whole = np.asarray(table, np.int64)
     columns = whole[:, None] if whole.ndim == 1 else whole
