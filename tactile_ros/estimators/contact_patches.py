@@ -123,19 +123,19 @@ class PatchFinder:
         _, first, patch = np.unique(own, return_index=True, return_inverse=True)
         patch, count, of_row = patch.reshape(-1), len(first), row[first]
 
-        def sums(values: Array) -> Array:
+        def sum_of(values: Array) -> Array:
             return np.bincount(patch, values, count)
 
         weight = weight[touched]
-        whole, taxels = sums(weight), sums(np.ones(len(patch)))
+        whole, taxels = sum_of(weight), sum_of(np.ones(len(patch)))
         share = weight / whole[patch]
-        centre = np.stack([sums(share * axis) for axis in self.positions[taxel].T], axis=1)
+        centre = np.stack([sum_of(share * axis) for axis in self.positions[taxel].T], axis=1)
         away = (self.positions[taxel] - centre[patch]).T
         scale = variance[touched] / whole[patch] ** 2
-        cov = np.array([[sums(scale * a * b) for a in away] for b in away]).transpose(2, 0, 1)
+        cov = np.array([[sum_of(scale * a * b) for a in away] for b in away]).transpose(2, 0, 1)
         # taxels do not tell where they are pressed; across a line nothing is taken back
-        xx, xy, yy = (sums(share * one[taxel]) for one in self._across)
-        blunt = (taxels <= FEW_TAXELS) | (sums(self._rim[taxel]) > 0)
+        xx, xy, yy = (sum_of(share * one[taxel]) for one in self._across)
+        blunt = (taxels <= FEW_TAXELS) | (sum_of(self._rim[taxel]) > 0)
         blur = np.where(blunt, BLUR, SHARP) * self.size / (taxels * taxels)
         cov[:, :2, :2] += np.array([[xx + blur, xy], [xy, yy + blur]]).transpose(2, 0, 1)
         order = np.lexsort([-whole, of_row])
@@ -153,8 +153,8 @@ class PatchFinder:
 
         return Patches(
             label, np.bincount(of_row[kept], minlength=len(load)), column(whole),
-            column(sums(variance[touched])), column(centre), column(cov),
-            column(sums(self.areas[taxel])),
+            column(sum_of(variance[touched])), column(centre), column(cov),
+            column(sum_of(self.areas[taxel])),
         )  # fmt: skip
 
     def _parts(self, pressure: Array, touched: Bools) -> Integers:
