@@ -124,7 +124,7 @@ class PatchFinder:
         patch, count, of_row = patch.reshape(-1), len(first), row[first]
 
         def sum_of(values: Array) -> Array:
-            return np.bincount(patch, values, count)
+            return np.bincount(patch, values, count).astype(np.float64)  # of none: integers
 
         weight = weight[touched]
         whole, taxels = sum_of(weight), sum_of(np.ones(len(patch)))
