@@ -572,7 +572,7 @@ def crept(edge: float = np.inf, most: float = 1e9, share: float = 0.0) -> FilmCr
     return creep
 
 
-def test_frames_are_batches_bit_for_bit() -> None:
+def test_film_memory_of_frames_is_that_of_a_batch() -> None:
     columns = stream()
     whole = FilmMemory()(crept(EDGE, 1.0, -0.03), *columns)
     memory = FilmMemory()
