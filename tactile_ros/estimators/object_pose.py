@@ -112,7 +112,7 @@ def press_tube(
         away, to_u, to_v = other, other_u, other_v
     rows = len(table) // columns
     if radius > 0.0:
-        return away > rows * pitch + radius
+        return bool(away > rows * pitch + radius)
     r = int(away / pitch + 0.5)
     if r < rows:
         width = (state[4] - low[0]) / low[1]

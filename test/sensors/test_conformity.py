@@ -554,7 +554,8 @@ def test_every_subset_of_truth_ends_in_a_fit_or_in_one_sentence(
         try:
             pipeline.fit(dataclasses.replace(recording, truth=truth))
         except (ValueError, TactileError) as error:
-            assert len(str(error)) > 20, set(truth)
+            sentence = str(error)
+            assert len(sentence) > 20, set(truth)
             continue
         pipeline.process_batch(recording).refuse_misfit(toy.layout.shape[0])
 
