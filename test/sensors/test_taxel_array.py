@@ -48,8 +48,8 @@ def on_matrix(rows: int, columns: int, pitch: float, *objects: Outline) -> Taxel
 
 
 def loads(config: TaxelArrayConfig, part: Outline, *pose: float) -> np.ndarray:
-    """Load of each square taxel at 1 N on a wholly covered one, by 400 points."""
-    line = np.sqrt(config.areas[0]) * ((np.arange(20) + 0.5) / 20 - 0.5)
+    """Load of each square taxel at 1 N on a wholly covered one, by 1600 points."""
+    line = np.sqrt(config.areas[0]) * ((np.arange(40) + 0.5) / 40 - 0.5)
     points = config.positions[:, None, :2] + np.stack(np.meshgrid(line, line), -1).reshape(-1, 2)
     x, y, yaw = pose
     cos, sin = np.cos(yaw), np.sin(yaw)
@@ -78,7 +78,7 @@ def fitted(
     config: TaxelArrayConfig, spoilt: dict[int, float] | None = None, **truth: float
 ) -> Pipeline:
     """Equilibrated by even loads; further truth is a factor of the force."""
-    force = np.random.default_rng(1).uniform(0.02, 3, (120, 1)).repeat(len(config.positions), 1)
+    force = np.random.default_rng(1).uniform(0.05, 3, (150, 1)).repeat(len(config.positions), 1)
     force[:15] = 0
     told = {
         'taxel_force': force, 'in_contact': (force[:, 0] > 0).astype(np.int8),
@@ -342,7 +342,7 @@ def gripper() -> Pipeline:
 
 def test_washers_are_recognised_with_bad_taxels_that_nobody_marked() -> None:
     rng, bad = np.random.default_rng(4), list(BAD)
-    label, place = rng.integers(5, size=40), rng.uniform(-3e-3, 3e-3, (40, 2))
+    label, place = rng.integers(5, size=60), rng.uniform(-3e-3, 3e-3, (60, 2))
     force = np.array([1.5 * loads(GRIPPER, WASHERS[i], *at, 0.0)
                       for i, at in zip(label, place, strict=True)])  # fmt: skip
     states = gripper().process_batch(asked(gripper(), read(force, 5, BAD)))
