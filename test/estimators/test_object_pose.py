@@ -115,20 +115,6 @@ def test_a_part_that_is_nearly_symmetric_flips_only_where_it_says_so() -> None:
     assert 0.4 * flipped.sum() < said.sum() < 2.5 * flipped.sum()
 
 
-def test_symmetric_parts_say_their_class_and_their_turn_within_it() -> None:
-    w = world()
-    array = w.matrix(20, 20, 1e-3)
-    square = 1e-3 * np.array([[-5, -5], [5, -5], [5, 5], [-5, 5.0]])
-    objects = ObjectPose(array.positions, array.areas, None, (Outline('square', (square,)),))
-    for yaw in np.deg2rad([80.0, 89.0, 91.0, 170.0, -100.0]):
-        force = array.forces(w.on_polygon(*own_frame(array, (0, 0), yaw), square)) * 1e6
-        found = objects.locate(force, np.full(400, 1e-3), np.ones(400, bool), 0.003)
-        assert found.order == 4
-        assert abs(found.pose[2]) <= np.pi / 4 + 0.01
-        apart = (found.pose[2] - yaw + np.pi / 4) % (np.pi / 2) - np.pi / 4
-        assert abs(np.rad2deg(apart)) < 0.5
-
-
 def test_what_fits_to_no_outline_is_none_of_these() -> None:
     w = world()
     array = w.matrix(8, 9, 5e-3)
