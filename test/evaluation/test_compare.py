@@ -101,6 +101,15 @@ def test_wrong_and_missing_classes_are_wrong() -> None:
     assert (found.second, found.unit, found.frames) == (pytest.approx(20.0), '%', COUNT)
 
 
+def test_chance_alone_is_rarely_significant_and_inside_the_interval() -> None:
+    small = recording(8)
+    pairs = [(competitor('a', 0.1, 2 * k, small), competitor('b', 0.1, 2 * k + 1, small))
+             for k in range(60)]  # fmt: skip
+    found = [compare(*pair)[1] for pair in pairs]
+    assert sum(each.p <= 0.05 for each in found) <= 7
+    assert sum(each.low <= 0.0 <= each.high for each in found) >= 50
+
+
 def test_few_groups_are_swapped_exactly_and_said() -> None:
     sums = np.array([[1.0, 2.0], [3.0, 3.5], [2.0, 1.0], [0.5, 4.0]])
     least = abs(np.subtract(*sums.sum(axis=0)))

@@ -257,6 +257,12 @@ def test_a_baseline_is_of_the_stream_of_its_stamp(
     assert {row: int(one.values[0, 0]) for row, one in found.items()} == expected
 
 
+def test_without_stamps_sequences_alone_tell() -> None:
+    recording = replace(counted([0, 1, 2, 0, 1, 2]), stamp_ns=None)
+    told = [baseline_frame(None, 1, 0.0), baseline_frame(None, 0, 1.0)]
+    assert sorted(BaselineQueue().by_row(recording, np.arange(6), told)) == [1, 3]
+
+
 SPEC = enrolled_skin.SPEC
 PATIENCE_S = 300.0
 
