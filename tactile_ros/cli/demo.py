@@ -418,9 +418,9 @@ def teach(lesson: EnrolmentScene, number: int, namespace: str, say: Say) -> None
     TactileError
         If it is not shown or not learned.
     """
-    from tactile_ros.nodes.enrolment_server import EnrolRequest, enrolling
+    from tactile_ros.nodes.enrolment_server import EnrolmentClient, EnrolRequest
 
-    with enrolling(namespace) as client:
+    with EnrolmentClient(namespace) as client:
         client.wait_for_truth(lambda truth: bool(truth.label == number), SHOWN_S)
         say(f'something unknown presses: enrolling it as {lesson.label!r}')
         learned = client.enrol(

@@ -95,9 +95,9 @@ def _learned(options: argparse.Namespace, pipeline: Pipeline) -> str:
 
 def _live(options: argparse.Namespace) -> int:
     """Ask contact_node."""
-    from tactile_ros.nodes.enrolment_server import EnrolRequest, enrolling
+    from tactile_ros.nodes.enrolment_server import EnrolmentClient, EnrolRequest
 
-    with enrolling(options.namespace) as client:
+    with EnrolmentClient(options.namespace) as client:
         if options.forget:
             done, said = client.forget(options.label)
         else:

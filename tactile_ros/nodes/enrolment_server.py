@@ -10,8 +10,7 @@ from __future__ import annotations
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -39,7 +38,7 @@ from tactile_ros.nodes.contact_loop import ContactLoop
 from tactile_ros.nodes.lifecycle import qos
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.srv import ForgetContact
-from tactile_ros.types import ContactState, Frame
+from tactile_ros.types import Closing, ContactState, Frame
 from tactile_ros.types.config_fields import admit, number, switch, text_of, whole
 
 CLOSED = 'contact_node was deactivated'
@@ -325,10 +324,13 @@ class EnrolmentServer:
         return response
 
 
-class EnrolmentClient:
-    """Calls of one contact_node, each of which waits for its answer."""
+class EnrolmentClient(Closing):
+    """Calls of one contact_node, each of which waits for its answer; starts ROS where need be."""
 
     def __init__(self, namespace: str = '') -> None:
+        self._starts_ros = not rclpy.ok()
+        if self._starts_ros:
+            rclpy.init()
         self._node = Node('tactile_enrol', namespace=namespace)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
@@ -336,10 +338,12 @@ class EnrolmentClient:
         self._service = self._node.create_client(ForgetContact, f'{SERVER}/forget')
 
     def close(self) -> None:
-        """End the node."""
+        """End the node, and ROS where it was started."""
         self._action.destroy()
         self._executor.shutdown()
         self._node.destroy_node()
+        if self._starts_ros:
+            rclpy.try_shutdown()
 
     def enrol(self, request: EnrolRequest, hear: Callable[[int, str], None]) -> Enrol.Result:
         """Ask for a class and wait for the end; an interrupt cancels it.
@@ -399,15 +403,3 @@ class EnrolmentClient:
             msg = f'{SERVER} did not answer within {timeout:g} s'
             raise TactileError(msg)
         return future.result()
-
-
-@contextmanager
-def enrolling(namespace: str = '') -> Iterator[EnrolmentClient]:
-    """Client with a ROS of its own, which ends with it."""
-    rclpy.init()
-    client = EnrolmentClient(namespace)
-    try:
-        yield client
-    finally:
-        client.close()
-        rclpy.try_shutdown()

@@ -340,22 +340,16 @@ def test_enrolment_that_ends_early_leaves_everything_as_it_was(
 def test_the_client_of_the_command_line_hears_every_press_and_the_end(
     ros: Ros, hand: Hand
 ) -> None:
-    client = EnrolmentClient()
     told: list[tuple[int, str]] = []
-    try:
-        with ThreadPoolExecutor(1) as pool:
-            asked = pool.submit(
-                client.enrol, EnrolRequest('mug', 1), lambda *said: told.append(said)
-            )
-            number = cycle(range(8))
-            # until one press fell wholly into the lesson
-            assert ros.until(lambda: asked.done() or hand.press(next(number)))
-            assert asked.result().success
-            assert told == [(1, 'press 1 of 1 taken')]
-            forgotten = ros.result(pool.submit(client.forget, 'mug'))
-            assert forgotten == (True, "'mug' forgotten; classes are 0, 1, 2, 3, 4")
-    finally:
-        client.close()
+    with EnrolmentClient() as client, ThreadPoolExecutor(1) as pool:
+        asked = pool.submit(client.enrol, EnrolRequest('mug', 1), lambda *said: told.append(said))
+        number = cycle(range(8))
+        # until one press fell wholly into the lesson
+        assert ros.until(lambda: asked.done() or hand.press(next(number)))
+        assert asked.result().success
+        assert told == [(1, 'press 1 of 1 taken')]
+        forgotten = ros.result(pool.submit(client.forget, 'mug'))
+        assert forgotten == (True, "'mug' forgotten; classes are 0, 1, 2, 3, 4")
 
 
 def test_without_a_file_nothing_is_learned(ros: Ros, mugs: Recording) -> None:
