@@ -171,30 +171,6 @@ def test_contact_node_publishes_object_surface_and_contacts_of_an_array(
     assert np.isnan(np.frombuffer(bytes(surfaces[-1].data), '<f4')).all()
 
 
-def test_contacts_are_those_of_the_pipeline(
-    sensor: Sensor, calibration: Path, touches: Recording
-) -> None:
-    pipeline = load_sensor('reskin_board').load(calibration)
-    sensor.process(touches.values[:60])
-    got = read_contacts(sensor.contacts, 5)
-    assert got['sequence'].tolist() == list(range(60))
-    assert (np.diff(got['stamp_ns']) == 10_000_000).all()
-    for row in range(60):
-        state = pipeline.process(Frame(stamp_of(row), row, touches.values[row]))
-        for name in ('position', 'position_cov', 'in_contact', 'valid', 'status', 'contacts_id'):
-            np.testing.assert_array_equal(got[name][row], getattr(state, name), err_msg=name)
-    assert np.isfinite(got['position'][got['in_contact'] == 1][:, :2]).all()
-    assert {message.header.frame_id for message in sensor.contacts} == {'thumb'}
-    # the calibration was announced; a sensor without objects offers neither topic of them
-    told = json.loads(sensor.calibrations[0].data)
-    expected = {'sha256': pipeline.digest, 'sensor': 'reskin_board',
-                'estimators': pipeline.estimators}  # fmt: skip
-    assert expected.items() <= told.items()
-    offered = {name for name, _ in sensor.node.get_topic_names_and_types()}
-    assert '/wrench' in offered
-    assert not offered & {'/object_pose', '/surface'}
-
-
 def test_tare_takes_the_last_frame_and_its_rule_can_change(
     ros: Ros, sensor: Sensor, touches: Recording
 ) -> None:
@@ -288,8 +264,14 @@ def test_tracking_is_switched_off_whatever_the_calibration_says(
     sensor = Sensor(ros, f'calibration:={calibration}', 'track_baseline:=false')
     assert sensor.told()['baseline tracking'] == 'off'
     assert ros.until(lambda: sensor.calibrations)
-    digest = json.loads(sensor.calibrations[0].data)['sha256']
-    assert digest != load_sensor('reskin_board').load(calibration).digest
+    told = json.loads(sensor.calibrations[0].data)
+    pipeline = load_sensor('reskin_board').load(calibration)
+    assert told['sha256'] != pipeline.digest
+    assert (told['sensor'], told['estimators']) == ('reskin_board', pipeline.estimators)
+    # a sensor without objects offers neither topic of them
+    offered = {name for name, _ in sensor.node.get_topic_names_and_types()}
+    assert '/wrench' in offered
+    assert not offered & {'/object_pose', '/surface'}
 
 
 def test_quality_of_service_of_one_topic_can_be_overridden(ros: Ros) -> None:
