@@ -429,3 +429,15 @@ def test_stated_noise_counts_for_every_taxel(stated: float | np.ndarray) -> None
     np.testing.assert_allclose(learned.noise, np.broadcast_to(stated, SHAPE))
     with pytest.raises(ValueError, match='broadcast'):
         Rest.unknown(SHAPE, np.ones(2))
+
+
+def test_a_quantised_channel_has_at_least_its_quantum() -> None:
+    rest = np.zeros((100, 1, 1))
+    rest[50] = 3.0
+    np.testing.assert_allclose(rest_noise(rest, np.zeros(100, int)), 3.0 / np.sqrt(12))
+
+
+def test_frames_far_apart_tell_nothing() -> None:
+    values, stamp_ns = noisy(50), np.arange(50) * 1_000_000_000
+    assert np.isnan(motion_noise(values, stamp_ns, np.zeros(50, bool))).all()
+    assert np.isnan(motion_noise(values, stamp_ns // 100, np.ones(50, bool))).all()

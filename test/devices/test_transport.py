@@ -254,3 +254,14 @@ def test_i2c_bus_says_what_to_do_where_it_cannot_be_opened(
     monkeypatch.setattr(transport, 'list_buses', lambda: buses)
     with pytest.raises(DeviceError, match=sentence):
         I2cBus('/dev/i2c-7').open()
+
+
+def test_serial_port_asks_to_plug_a_board_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(serial.tools.list_ports, 'comports', list)
+    with pytest.raises(DeviceError, match='no serial port now: plug the board in'):
+        SerialPort('/nonexistent/port').open()
+
+
+def test_i2c_bus_lets_go_of_what_is_none() -> None:
+    with pytest.raises(DeviceError, match='bus /dev/null cannot be opened'):
+        I2cBus('/dev/null').open()

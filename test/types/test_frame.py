@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.types import Layout, Outline, as_shape
+from tactile_ros.types import Frame, Layout, Outline, as_shape
 
 
 @pytest.mark.parametrize('value', ['far', [[1, 2], [3]], [object()], {'a': 1}])
@@ -48,3 +48,11 @@ def test_loops_of_an_outline_are_plane() -> None:
     assert disc.loops[0].shape == (3, 2)
     with pytest.raises(ValueError, match='a loop of Outline disc'):
         Outline('disc', (np.zeros((3, 3)),))
+
+
+def test_a_frame_is_a_table() -> None:
+    with pytest.raises(ValueError, match=r'values of Frame must have shape \(t, c\)'):
+        Frame(0, 0, np.zeros(15))
+    frame = Frame(None, 3, np.zeros((5, 3)))
+    assert frame.temperature_c is None
+    assert frame.status is None

@@ -258,3 +258,10 @@ def test_a_recording_is_a_line_in_print() -> None:
         'Recording(500 frames of Layout(sensor: 2 x Bx, By, Bz (T)); stamp_ns, sequence, '
         'temperature_c, status, stream, tare; truth: force, in_contact)'
     )
+
+
+def test_infinite_truth_is_refused() -> None:
+    force = np.full((3, 3), np.nan)
+    force[1, 2] = np.inf
+    with pytest.raises(ValueError, match="truth 'force' of Recording must be finite"):
+        Recording.from_arrays(LAYOUT, np.zeros((3, 2, 3)), truth={'force': force})
