@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -95,17 +96,33 @@ TOOLS = {
 }  # fmt: skip
 
 
+def called(function: ast.expr) -> str:
+    """Last part of a function's name."""
+    if isinstance(function, ast.Attribute):
+        return function.attr
+    return function.id if isinstance(function, ast.Name) else ''
+
+
+@cache
+def imported_by(path: Path) -> set[str]:
+    """Modules that a source imports, also by their name as a text."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found.add(node.module)
+        elif isinstance(node, ast.Call) and called(node.func) == 'import_module':
+            found |= {arg.value for arg in node.args if isinstance(arg, ast.Constant)}
+    return found
+
+
 def imported(*folders: str) -> set[str]:
     """Top-level modules that the sources of folders import, also by their name as a text."""
     found: set[str] = set()
-    for path in (path for folder in folders for path in (ROOT / folder).rglob('*.py')):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Import):
-                found |= {alias.name for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and node.module:
-                found.add(node.module)
-            elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith('import_module'):
-                found |= {arg.value for arg in node.args if isinstance(arg, ast.Constant)}
+    for folder in folders:
+        for path in (ROOT / folder).rglob('*.py'):
+            found |= imported_by(path)
     places = ('benchmarks', 'docs', 'test')
     own = {path.stem for place in places for path in (ROOT / place).rglob('*.py')}
     own |= {*places, 'tactile_ros', 'reference', 'worlds', 'harness', 'google', 'outer_rows'}

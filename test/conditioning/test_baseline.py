@@ -441,3 +441,24 @@ def test_frames_far_apart_tell_nothing() -> None:
     values, stamp_ns = noisy(50), np.arange(50) * 1_000_000_000
     assert np.isnan(motion_noise(values, stamp_ns, np.zeros(50, bool))).all()
     assert np.isnan(motion_noise(values, stamp_ns // 100, np.ones(50, bool))).all()
+
+
+def test_what_no_chip_can_have_and_chips_of_dead_taxels_tell_no_temperature() -> None:
+    values, rows = resting(), np.arange(SAMPLES) < 150
+    chips = np.full((SAMPLES, 2), 20.0)
+    chips[3:8, 0] = -273.15, 1e9, np.inf, -np.inf, 1e300
+    rest = Rest.unknown(SHAPE, 0.1, uses_temperature=True)
+    learned = rest.learn(values, rows, None, no_restarts(), True, chips)
+    np.testing.assert_allclose(learned.temperature_c, 20.0)
+    partly = learned.threshold(values[:0], dead=np.array([False, True]))
+    np.testing.assert_allclose(partly.level[:, -1], [20.0, np.nan])
+    told = partly.tared_by(partly.with_temperature(values[:9], chips[:9])).temperature_c
+    np.testing.assert_allclose(told, [20.0, np.nan])
+
+
+@pytest.mark.parametrize('rows', [1, 2])
+def test_few_resting_rows(rows: int) -> None:
+    few = np.arange(SAMPLES) < rows
+    rest = Rest.unknown(SHAPE, None).learn(resting(), few, None, no_restarts())
+    assert np.isfinite(rest.baseline).all()
+    assert np.isfinite(rest.noise).all() == (rows == 2)

@@ -169,3 +169,9 @@ def test_numbers_begin_anew_with_a_stream(stream: list[tuple[int, int]]) -> None
 
 def test_what_moves_by_more_than_itself_is_followed_within_reach() -> None:
     assert numbered('a', ' a', '  a', '      a') == [[0, -1, -1]] * 3 + [[1, -1, -1]]
+
+
+def test_independent_frames_are_not_numbered() -> None:
+    contact = np.array([1, 0, -1, 1], np.int8)
+    ids = ContactIds().number(contact, np.ones(4, bool), in_time=False)
+    assert ids.tolist() == [0, -1, 0, 0]

@@ -15,7 +15,7 @@ TOP, SECONDS = 3.0, 24.0
 # slow ramps, quick ones, and one that takes ten seconds
 CORNERS = np.array([0.0, 0.5, 2.5, 4.0, 5.5, 6.0, 6.3, 6.7, 6.85, 7.5, 17.5, 18.0, 22.0])
 LOADS = TOP * np.array([0, 0, 1.0, 1.0, 0, 0, 0.6, 0.6, 0, 0, 0.8, 0.3, 0.9])
-RATES = (20.0, 100.0, 2000.0)
+RATES = (20.0, 100.0, 500.0)
 
 
 def read(rate: float, noise: float = 0.0, seed: int = 1) -> tuple[Array, Array]:

@@ -349,3 +349,17 @@ def test_chip_array_holds_its_rate() -> None:
     with twin_of(clusters(1), clock, rate_hz=50.0).device(clock.now_ns) as array:
         stamps = [array.read(1.0).stamp_ns for _ in range(50)]
     assert np.diff(stamps) == pytest.approx(np.full(49, 20e6), rel=0.03)
+
+
+def test_twin_refuses_unknown_faults_and_withdraws_those_that_wait() -> None:
+    clock = VirtualClock()
+    twin = twin_of(clusters(1), clock)
+    with pytest.raises(ValueError, match='fault must be one of stuck_bus, unplug, nack'):
+        twin.inject('clock_jump')
+    with pytest.raises(ValueError, match='chip must be 0 to 3; received 20'):
+        twin.inject('nack', chip=20)
+    twin.inject('nack', 10_000, chip=0)
+    twin.relieve()
+    with twin.device(clock.now_ns) as array:
+        assert good(array.read(1.0)).all()
+    assert not any(twin.injected.values())

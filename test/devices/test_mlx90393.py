@@ -151,3 +151,12 @@ def test_switches_write_changes_and_what_failed_or_was_forgotten() -> None:
     switches.forget()
     switches.select(behind(0x71, 3))
     assert wires.seen[6:] == [(0x70, b'\x00'), (0x71, b'\x08')]
+
+
+@pytest.mark.parametrize(
+    'place',
+    [(0x07,), (0x78,), (0x0C, -1), (0x0C, 0, 0x70), (0x0C, 0, 0x6F, 1), (0x0C, 0, 0x70, 8)],
+)
+def test_places_that_cannot_be_are_refused(place: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match='of ChipPlace must be'):
+        ChipPlace(*place)

@@ -307,3 +307,10 @@ def test_reskin_board_suspects_losses_by_the_clock_but_not_after_a_burst(
             port.send(encode(row))
             board.read(1.0)
             assert least <= board.counters()['suspected'] <= most
+
+
+def test_framed_board_sees_no_frame_in_noise(port: SimulatedSerialPort) -> None:
+    with FramedBoard(port.port, LAYOUT, gradiometer(), SCALE, native_usb=True) as board:
+        port.send(bytes(1000))
+        said = str(complaint(board, 'bytes come from'))
+        assert 'gradiometer (kind 1) of 4 in 18 bytes within' in said

@@ -136,3 +136,14 @@ def test_twin_in_real_time_injects_as_many_faults_as_are_counted() -> None:
             counts = board.counters()
     assert twin.overruns or counts['dropped'] == 24
     assert counts['saturated'] == 3
+
+
+def test_twin_refuses_unknown_faults_and_missing_rates(layout: Layout) -> None:
+    twin = make_reskin(layout)
+    with pytest.raises(ValueError, match=r"fault must be one of dropped, .*; received 'nack'"):
+        twin.inject('nack')
+    with pytest.raises(ValueError, match='rate_hz of the layout of a twin must be above 0'):
+        ReskinTwin(Layout(np.zeros((5, 3)), ('x', 'y', 'z'), 'T'), ramp)
+    endless = ReskinTwin(Layout(np.zeros((5, 3)), ('x', 'y', 'z'), 'T', rate_hz=400.0), ramp)
+    assert 'saturation' not in endless.faults
+    assert 'saturation' in twin.faults
