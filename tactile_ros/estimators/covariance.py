@@ -74,18 +74,11 @@ class CovarianceModel:
     def fit(
         self, errors: Array, stated: Array | None, groups: Integers, readings: Array
     ) -> CovarianceModel:
-        """Learn from errors of rows that the estimator had not been fitted to.
+        """Learn from errors (s, l) of rows that the estimator had not been fitted to.
 
-        Parameters
-        ----------
-        errors : ndarray, shape (s, l)
-            Out-of-fold estimates minus truth; NaN: not measured.
-        stated : ndarray, shape (s, l, l) or (s, l), or None
-            Stated covariance or standard deviation (unit of the errors); None: none.
-        groups : ndarray of int, shape (s,)
-            What a split keeps together; independent rows are groups of their own.
-        readings : ndarray, shape (s, m)
-            Readings or features of the estimator; NaN: not measured.
+        `stated` are covariances (s, l, l) or standard deviations (s, l), `groups` (s,) what a split
+        keeps together, where independent rows stand alone, `readings` (s, m) the features of the
+        estimator. NaN: not measured.
         """
         errors = as_shape('errors', errors, (-1, -1))
         readings = as_shape('readings', readings, (len(errors), -1))

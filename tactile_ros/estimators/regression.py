@@ -3,9 +3,8 @@
 
 What is fitted are plain arrays, evaluated by numpy. They are our own where a bench measures that
 it pays: kernel ridge with anchored groups and a set penalty on loads of an unseen run (0.31 and
-0.82 N on the shipped runs, 0.88 N without the anchor, 0.40 and 1.05 N with a penalty chosen within
-the run), and an ensemble of perceptrons that minimises the length of the error rather than its
-square on places between those that were touched (0.35 mm; kernel ridge 0.40 mm).
+0.82 N, 0.88 N without the anchor), and perceptrons that minimise the length of the error rather
+than its square on places between those that were touched (0.35 mm; kernel ridge 0.40 mm).
 
 Sources: A. E. Hoerl and R. W. Kennard, Ridge regression, Technometrics 12 (1970). A. J. Smola and
 P. Bartlett, Sparse greedy Gaussian process regression, NIPS 2001 (subset of regressors). D.

@@ -6,7 +6,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.calibration import flatten, restore
 from tactile_ros.errors import NotCalibratedError
 from tactile_ros.estimators.slip_detector import SlipDetector
 from tactile_ros.types import Array, Integers
@@ -68,19 +67,6 @@ def test_scale_and_order_do_not_matter(fitted: SlipDetector) -> None:
     back = slice(None, None, -1)
     turned = SlipDetector().fit(x[back], slip[back], sequence[back])
     np.testing.assert_allclose(turned.predict(x), fitted.predict(x), atol=1e-9)
-
-
-def test_one_row_gives_the_numbers_of_a_batch(fitted: SlipDetector) -> None:
-    x, _, _ = pulls(5)
-    single = np.concatenate([fitted.predict(row[None]) for row in x[:200]])
-    np.testing.assert_allclose(single, fitted.predict(x)[:200], rtol=1e-9)
-
-
-def test_it_survives_a_file(fitted: SlipDetector) -> None:
-    x, _, _ = pulls(5)
-    found = restore(flatten(fitted, 'slip'), 'slip', {'SlipDetector': SlipDetector})
-    assert isinstance(found, SlipDetector)
-    np.testing.assert_array_equal(found.predict(x), fitted.predict(x))
 
 
 def test_probabilities_mean_what_they_say(fitted: SlipDetector) -> None:

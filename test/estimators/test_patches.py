@@ -85,20 +85,6 @@ def test_patches_are_those_of_a_slow_flood(share: float) -> None:
         np.testing.assert_allclose(kept, sorted(total, reverse=True))
 
 
-def test_one_frame_alone_says_what_it_says_among_others_to_the_last_bit() -> None:
-    rng = np.random.default_rng(3)
-    positions = radial_positions() + rng.normal(0.0, 1e-4, (16, 3))
-    finder = PatchFinder(positions, rng.uniform(1e-5, 2e-5, 16), 2)
-    load, variance = rng.uniform(0.8, 1.0, (40, 16)), rng.uniform(0.0, 0.1, (40, 16))
-    touched = (np.arange(16) - rng.integers(0, 16, (40, 1))) % 16 < rng.integers(1, 13, (40, 1))
-    batch = finder.find(load, variance, touched)
-    for row in range(40):
-        one = slice(row, row + 1)
-        live = finder.find(load[one], variance[one], touched[one])
-        for name in vars(live):
-            np.testing.assert_array_equal(getattr(live, name)[0], getattr(batch, name)[row])
-
-
 def test_sums_centres_and_covariances_of_a_patch() -> None:
     positions = grid_positions(4, 5, 2e-3)
     finder = PatchFinder(positions, np.full(20, 4e-6), 3)
@@ -132,15 +118,6 @@ def test_little_pressure_between_two_joins_nothing_and_is_lost_by_none() -> None
     np.testing.assert_allclose(np.nansum(found.load), load[touched].sum())
     np.testing.assert_allclose(np.sort(found.position[0, :2, 0]), [-6e-3, 6e-3], atol=5e-5)
     assert sum(sizes(found.label[0])) == touched.sum()
-
-
-def test_only_the_strongest_are_kept() -> None:
-    positions = grid_positions(1, 9, 1e-3)
-    finder = PatchFinder(positions, np.full(9, 1e-6), 2)
-    load = np.array([[1.0, 0, 3.0, 0, 2.0, 0, 0, 0, 0]])
-    found = finder.find(load, 0 * load, load > 0)
-    assert found.load.tolist() == [[3.0, 2.0]]
-    assert found.label.tolist() == [[-1, -1, 0, -1, 1, -1, -1, -1, -1]]
 
 
 @pytest.mark.parametrize(('rows', 'columns', 'most_us'), [(40, 50, 2500), (8, 9, 700)])

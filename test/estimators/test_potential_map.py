@@ -6,7 +6,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.errors import NotCalibratedError
 from tactile_ros.estimators.potential_map import (
     ORDER,
     OWN,
@@ -119,8 +118,3 @@ def test_a_third_potential_is_used() -> None:
         found = PotentialMap(np.array([0.1, 0.1])).fit(three[:, :count], places)
         error.append(np.linalg.norm(found.predict(three[:, :count]) - places, axis=1).mean())
     assert error[1] < 0.9 * error[0]
-
-
-def test_nothing_is_predicted_before_a_fit() -> None:
-    with pytest.raises(NotCalibratedError, match='must be fitted'):
-        PotentialMap(SIZE).predict(np.zeros((1, 2)))

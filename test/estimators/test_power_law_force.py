@@ -6,7 +6,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.errors import NotCalibratedError
 from tactile_ros.estimators.power_law_force import PowerLawForce
 from tactile_ros.physics.resistive_sheet import SeriesResistance
 
@@ -108,8 +107,3 @@ def test_further_features_are_linear_in_the_logarithm() -> None:
     film = 2 * (force * np.exp(0.05 * past)) ** -0.7
     found = PowerLawForce(1e-5).fit(np.column_stack([place, film, past]), force[:, None])
     assert found.linear_[0] == pytest.approx(-0.05, abs=0.003)
-
-
-def test_nothing_is_predicted_before_a_fit() -> None:
-    with pytest.raises(NotCalibratedError, match='must be fitted'):
-        PowerLawForce().predict(np.zeros((1, 3)))

@@ -32,14 +32,6 @@ def test_winner_never_saw_the_group_it_is_judged_on() -> None:
     assert memory.errors['knn'] > 0.9 * secret.std()
 
 
-def test_out_of_fold_rows_carry_their_own_truth() -> None:
-    x, y, groups = line()
-    selection = select({'ridge': Ridge()}, x, y, groups)
-    assert selection.predictions.shape == (120, 1)
-    np.testing.assert_allclose(np.sort(selection.y, axis=0), np.sort(y, axis=0))
-    assert np.abs(selection.residuals).max() < 0.1
-
-
 def test_fewer_rounds_judge_fewer_rows() -> None:
     x, y, groups = line()
     assert len(select({'ridge': Ridge()}, x, y, groups, folds=5, rounds=2).y) == 48

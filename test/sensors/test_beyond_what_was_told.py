@@ -39,7 +39,7 @@ def flagged(states: ContactStates) -> np.ndarray:
     return np.asarray(states.status & FrameStatus.OUT_OF_RANGE > 0)
 
 
-@pytest.mark.parametrize('top', [1.0, 5.0, 20.0, 60.0])
+@pytest.mark.parametrize('top', [1.0, 60.0])
 def test_no_reading_is_a_negative_or_an_endless_force(top: float) -> None:
     level = np.linspace(0, 0.99, 100)
     values = np.repeat(level[:, None, None], 16, axis=1)

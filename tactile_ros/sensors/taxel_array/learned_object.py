@@ -105,40 +105,18 @@ class Frames:
 
 
 class LearnedObject:
-    """One object on one array.
+    """One object on one array."""
 
-    Attributes
-    ----------
-    fields_ : LearnedFields
-        Fields in the object's frame.
-    covariance_ : CovarianceModel
-        Of x, y (m) and yaw (rad), from held-out frames.
-    misfit_ : float
-        Scale of the misfit of held-out frames at their poses, at least 1.
-    report_ : dict of str to float
-        Errors of held-out frames.
-    """
-
-    fields_: LearnedFields
-    covariance_: CovarianceModel
-    misfit_: float
-    report_: dict[str, float]
+    fields_: LearnedFields  # in the object's frame
+    covariance_: CovarianceModel  # of x, y (m) and yaw (rad), from held-out frames
+    misfit_: float  # scale of the misfit of held-out frames at their poses, at least 1
+    report_: dict[str, float]  # errors of held-out frames
 
     def __init__(self, config: TaxelArrayConfig) -> None:
         self.config = config
 
     def fit(self, force: Array, sigma: Array, poses: Array, usable: Bools) -> LearnedObject:
-        """Learn from frames.
-
-        Parameters
-        ----------
-        force, sigma : ndarray, shape (s, t)
-            Of the taxels, and their standard deviations (N).
-        poses : ndarray, shape (s, 3)
-            x, y (m) and yaw (rad) of the object.
-        usable : ndarray, shape (t,)
-            False: dead.
-        """
+        """Learn from forces (s, t) with their sigmas (N) at poses (s, 3): x, y (m), yaw (rad)."""
         config = self.config
         count = max(POINTS // len(config.positions), 4)
         points = TaxelPoints(config.positions, config.areas, config.taxel_outlines, count)
