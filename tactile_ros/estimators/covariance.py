@@ -76,9 +76,9 @@ class CovarianceModel:
     ) -> CovarianceModel:
         """Learn from errors (s, l) of rows that the estimator had not been fitted to.
 
-        `stated` are covariances (s, l, l) or standard deviations (s, l), `groups` (s,) what a split
-        keeps together, where independent rows stand alone, `readings` (s, m) the features of the
-        estimator. NaN: not measured.
+        `stated` are covariances (s, l, l) or standard deviations (s, l), `groups` (s,) what a
+        split keeps together, where independent rows stand alone, `readings` (s, m) the features of
+        the estimator. NaN: not measured.
         """
         errors = as_shape('errors', errors, (-1, -1))
         readings = as_shape('readings', readings, (len(errors), -1))
