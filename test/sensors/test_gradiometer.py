@@ -136,13 +136,12 @@ def test_noise_of_references_is_found_and_averages_out() -> None:
     assert (np.abs(error) < 2 * sigma).mean() > 0.85
 
 
-@pytest.mark.parametrize('magnet', [np.inf, 14e-3])
-def test_live_and_batch_have_the_same_bits(magnet: float) -> None:
-    recording = world().record(40, 3, made.Scene(magnet=magnet))
+def test_live_and_batch_have_the_same_bits_beside_a_magnet() -> None:
+    recording = world().record(40, 3, made.Scene(magnet=14e-3))
     pipeline = fitted()
     many = pipeline.process_batch(recording)
     disturbed = many.status[world().rest :] & FrameStatus.STRAY_FIELD > 0
-    assert disturbed.mean() > 0.9 if np.isfinite(magnet) else not disturbed.any()
+    assert disturbed.mean() > 0.9
     pipeline.tare([Frame(None, i, row) for i, row in enumerate(recording.values[: world().rest])])
     base = np.abs(pipeline.baseline - recording.values[: world().rest].mean(axis=0)).max()
     assert base < 1e-12
@@ -154,17 +153,12 @@ def test_live_and_batch_have_the_same_bits(magnet: float) -> None:
         np.testing.assert_allclose(said, batch, rtol=1e-9, atol=1e-15)
 
 
-@pytest.mark.parametrize('ramp_s', [0.0, 600.0])
-def test_0_to_50_degrees_cost_little(ramp_s: float) -> None:
-    scene = made.Scene(span=50.0, ramp_s=ramp_s)
-    one = world().record(300, 4, scene)
-    warm = warm_fit() if ramp_s else SENSOR.pipeline(world().config).fit(one)
-    hot = rms(errors(warm, world().record(300, 5, scene))[0])
+def test_0_to_50_degrees_cost_little() -> None:
+    hot = rms(errors(warm_fit(), world().record(300, 5, WARM))[0])
     assert (hot < [3e-4, 3e-4, 1.2e-3]).all()
-    found = warm.report['disc']
+    found = warm_fit().report['disc']
     assert found['remanence_per_degree'] == pytest.approx(-world().weaker, rel=0.15)
-    if ramp_s:
-        assert found['thermal_lag'] == pytest.approx(world().lag_s, rel=0.2)
+    assert found['thermal_lag'] == pytest.approx(world().lag_s, rel=0.2)
 
 
 def test_a_lag_that_the_config_states_is_taken() -> None:
@@ -311,11 +305,10 @@ def test_case_3_clipped_pixels_look_clean_and_are_flagged_before_the_mean(
     assert right.valid[far].all()
 
 
-@pytest.mark.parametrize('estimator', [None, 'polynomial'])
-def test_what_no_disc_explains_is_no_force(estimator: str | None) -> None:
+def test_what_no_disc_explains_is_no_force() -> None:
     """A wire that breaks, a magnet on the skin: no newtons by the thousand."""
     config = dataclasses.replace(world().config, saturation=None)
-    pipeline = SENSOR.pipeline(config, estimator).fit(world().record(300, 1))
+    pipeline = SENSOR.pipeline(config).fit(world().record(300, 1))
     recording, rng = world().record(200, 2), np.random.default_rng(0)
     values, most = recording.values.copy(), np.abs(world().record(300, 1).truth['force']).max()
     values[world().rest :] += 10 ** rng.uniform(-4, 1, (200, 1, 1)) * rng.normal(size=(200, 4, 2))

