@@ -52,8 +52,8 @@ BUS = ('3V3', 'GND', 'SDA', 'SCL')
 USB: Box = ('computer', ('/dev/ttyACM0',), ('USB',))
 DRAWINGS: dict[str, tuple[Box, ...]] = {
     'wiring_usb': (
-        ('skin', ('5 x MLX90393', 'under magnets'), ()),
-        ('ReSkin board', ('115200 baud',), BUS),
+        ('sensor board', ('5 x MLX90393', 'under the skin'), ()),
+        ('controller', ('reads the chips,', '115200 baud'), BUS),
         USB,
     ),
     'wiring_i2c': (

@@ -249,6 +249,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     live.add_argument('--hold', type=float, default=1.0, help='time to hold a press (s)')
     live.add_argument('--goal-mm', type=float, help='error of places that is wanted')
     live.add_argument('--goal-n', type=float, help='error of forces that is wanted')
+    live.add_argument('--seed', type=int, default=0, help='of the presses that are simulated')
     live.add_argument('--page', type=int, default=8765, help='port of the page (0: any)')
 
 
@@ -334,7 +335,7 @@ class Judge:
 def run(options: argparse.Namespace, spec: SensorSpec, config: SensorConfig) -> Pipeline:
     """Guide through the presses, fit, write calibration, bag and report."""
     folder = Folder(options.output.with_suffix(''))
-    recording = None if options.port else spec.presses(config, 0, noise=0.0)
+    recording = None if options.port else spec.presses(config, options.seed, noise=0.0)
     simulated = None if recording is None else SimulatedPresses(recording)
     with ExitStack() as held:
         truth = held.enter_context(truth_of(options, simulated))
@@ -355,7 +356,7 @@ def run(options: argparse.Namespace, spec: SensorSpec, config: SensorConfig) -> 
         if simulated is None:
             device = held.enter_context(spec.open(config, connection, time.time_ns))
         else:
-            twin = held.enter_context(spec.simulate(config, connection, simulated.signal))
+            twin = held.enter_context(spec.simulate(config, connection, simulated.signal, options.seed))
             device = held.enter_context(twin.device(time.time_ns))
         judge = Judge(lambda: spec.pipeline(config, options.estimator))
         session = Session(guide, truth, folder, page, judge, spec.pipeline(config))
