@@ -356,8 +356,8 @@ def run(options: argparse.Namespace, spec: SensorSpec, config: SensorConfig) -> 
         if simulated is None:
             device = held.enter_context(spec.open(config, connection, time.time_ns))
         else:
-            twin = held.enter_context(spec.simulate(config, connection, simulated.signal, options.seed))
-            device = held.enter_context(twin.device(time.time_ns))
+            twin = spec.simulate(config, connection, simulated.signal, options.seed)
+            device = held.enter_context(held.enter_context(twin).device(time.time_ns))
         judge = Judge(lambda: spec.pipeline(config, options.estimator))
         session = Session(guide, truth, folder, page, judge, spec.pipeline(config))
         with interruptible():

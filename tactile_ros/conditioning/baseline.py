@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""The no-contact reference: taken from resting frames, followed while at rest, frozen in contact.
+"""The no-contact reference that `pipeline.py` subtracts: taken at rest, followed, then frozen.
 
 A block of frames counts as rest when every frame of it stays within the contact threshold of the
 baseline, which then moves a step towards their mean; one frame in contact freezes the block.
