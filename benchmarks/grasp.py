@@ -19,7 +19,7 @@ from benchmarks.worlds import grasp_scenes, grip_faults
 from tactile_ros.control import Drive, GripConfig, GripForce, GripPhase, qb_softhand
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.sensors import load_sensor
-from tactile_ros.simulation.engine import load_engine
+from tactile_ros.simulation.hand_world import load_engine
 from tactile_ros.simulation.scenes import CHANGES, Handling
 from tactile_ros.types import Array, Bools, Integers
 

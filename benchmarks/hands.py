@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.harness.rows import BenchResult, Row
 from tactile_ros.control import GraspOutcome
 from tactile_ros.errors import MissingPackageError
-from tactile_ros.simulation.engine import load_engine
+from tactile_ros.simulation.hand_world import load_engine
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -77,7 +77,9 @@ def test_example_of_the_page_runs(
     assert (tmp_path / 'normal_2.svg').read_text().count('Normal force') == 2
 
 
-def test_report_prints_its_table(board: Calibration, presses: tr.Recording) -> None:
+def test_report_prints_its_table_and_draws(
+    board: Calibration, presses: tr.Recording, tmp_path: Path
+) -> None:
     report = board.evaluate(presses, presses.select(slice(0, 100)))
     lines = str(report).splitlines()
     assert lines[0].startswith('recording')
@@ -86,16 +88,10 @@ def test_report_prints_its_table(board: Calibration, presses: tr.Recording) -> N
     assert '\n' not in repr(report)
     with pytest.raises(RecordingError, match='at least one recording'):
         board.evaluate()
-
-
-def test_report_draws_for_a_notebook_and_into_files(
-    board: Calibration, presses: tr.Recording, tmp_path: Path
-) -> None:
-    drawing = board.evaluate(presses).plot()
+    drawing = report.plot()
     assert 'Where on the pad it errs' in repr(drawing)
     assert drawing._repr_html_().startswith('<img alt="Drawing(')
     assert drawing.svg == drawing.save(tmp_path / 'a.svg').read_text()
-    assert drawing.svg.count('<svg x="0" y="0"') == 1
     with pytest.raises(ValueError, match=r'must end in .svg or .png'):
         drawing.save(tmp_path / 'a.pdf')
 
@@ -117,7 +113,9 @@ def test_dataframe_has_a_row_for_each_error(
         report.to_dataframe()
 
 
-def test_batch_of_a_bag_heeds_the_tares_of_its_run(bag: Path, board: Calibration) -> None:
+def test_batch_of_a_bag_heeds_the_tares_of_its_run_or_says_that_it_does_not(
+    bag: Path, board: Calibration, presses: tr.Recording
+) -> None:
     recording = tr.load(bag)
     assert isinstance(recording, BagRecording)
     states = board.process_batch(recording)
@@ -129,12 +127,6 @@ def test_batch_of_a_bag_heeds_the_tares_of_its_run(bag: Path, board: Calibration
     report = board.evaluate(recording)
     assert report.datasets[0].agreement.largest < 1e-9
     assert 'pressed: replay and live contacts differ by at most' in str(report)
-
-
-def test_batch_of_a_bag_says_where_tares_are_not_heeded(
-    bag: Path, board: Calibration, presses: tr.Recording
-) -> None:
-    recording = tr.load(bag)
     untold = replace(recording)
     assert untold.run is None  # a copy is a recording like any other
     object.__setattr__(untold, 'run', replace(recording.run, baselines=()))
@@ -161,6 +153,9 @@ def test_load_decides_from_what_there_is(
     (tmp_path / 'broken' / 'a.mcap').write_bytes(b'')
     with pytest.warns(UserWarning, match='left out: .*broken holds no frames'):
         assert list(tr.load(tmp_path)) == ['bag', 'presses']
+    names = [f'{axis}_{i}' for i in range(5) for axis in ('Bx', 'By', 'Bz')]
+    (tmp_path / 'a.csv').write_text(f'{",".join(names)}\n{",".join("0" * 15)}\n')
+    assert len(tr.load(tmp_path / 'a.csv', sensor='reskin_board')) == 1
 
 
 @pytest.mark.parametrize('name', ['missing.npz', 'missing', 'foreign.npz', 'empty', 'table.csv'])
@@ -174,22 +169,14 @@ def test_load_refuses_in_one_sentence(name: str, tmp_path: Path) -> None:
     assert '\n' not in str(refused.value)
 
 
-def test_csv_is_read_by_the_sensor_that_is_named(tmp_path: Path) -> None:
-    names = [f'{axis}_{i}' for i in range(5) for axis in ('Bx', 'By', 'Bz')]
-    (tmp_path / 'a.csv').write_text(f'{",".join(names)}\n{",".join("0" * 15)}\n')
-    assert len(tr.load(tmp_path / 'a.csv', sensor='reskin_board')) == 1
-
-
-def test_fit_refuses_what_tells_nothing(presses: tr.Recording) -> None:
+def test_fit_takes_the_chips_of_a_recording_or_refuses_it(presses: tr.Recording) -> None:
+    sensor = tr.sensor('reskin_board')
     with pytest.raises(RecordingError, match=r'nothing can be learned .* truth has nothing'):
-        tr.sensor('reskin_board').fit(replace(presses, truth={}))
+        sensor.fit(replace(presses, truth={}))
     with pytest.raises(ValueError, match='at least one Recording'):
-        tr.sensor('reskin_board').fit()
-
-
-def test_fit_takes_the_chips_of_a_recording() -> None:
-    shear = tr.sensor('reskin_board').recordings()['shear'].select(slice(0, 400))
-    assert tr.sensor('reskin_board').fit(shear, estimator='ridge').layout.shape == (10, 3)
+        sensor.fit()
+    shear = sensor.recordings()['shear'].select(slice(0, 400))
+    assert sensor.fit(shear, estimator='ridge').layout.shape == (10, 3)
 
 
 def test_what_is_looked_at_is_a_short_line(board: Calibration, presses: tr.Recording) -> None:

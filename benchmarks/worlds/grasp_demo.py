@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from benchmarks.harness.rows import COLUMNS, BenchResult
 from benchmarks.worlds import grasp_scenes
+from reference.grasp_film import Film, prefer_no_screen, why_not
 from tactile_ros.cli.console import show
-from tactile_ros.simulation.engine import Film, prefer_no_screen, why_not
 
 if TYPE_CHECKING:
     from pathlib import Path

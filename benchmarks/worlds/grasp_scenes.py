@@ -11,19 +11,16 @@ import numpy as np
 from scipy import stats
 
 from benchmarks.harness.rows import Row, within
+from reference.grasp_trials import GENTLE, Trials, grips, named, unseen
 from tactile_ros.evaluation.figures import Plot, standalone
-from tactile_ros.nodes.grip_loop import GripLoop
-from tactile_ros.simulation.scenes import CHANGES, Handling, named
+from tactile_ros.simulation.scenes import CHANGES, Handling
 from tactile_ros.simulation.scenes import KINDS as THINGS
-from tactile_ros.simulation.trials import GENTLE, Trials, grips, unseen
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Mapping
 
-    from tactile_ros.control import GripConfig
-    from tactile_ros.hands import HandDescription
+    from reference.grasp_trials import Watcher
     from tactile_ros.simulation.scenes import Carried, Grasped, Held
-    from tactile_ros.simulation.trials import Watcher
 
 GRASPS = {'quick': 1, 'normal': 3, 'full': 50}  # of each object
 FORCES = {'quick': 1, 'normal': 2, 'full': 10}  # of each object and hand
@@ -46,14 +43,9 @@ class Found:
     drawings: dict[str, str] = field(default_factory=dict)
 
 
-def stage(hand: HandDescription, config: GripConfig, fingers: Iterable[str]) -> GripLoop:
-    """The loop of grip_node."""
-    return GripLoop(hand, config, list(fingers))
-
-
 def run(extent: str, seed: int = FRESH, films: Mapping[str, Watcher] | None = None) -> Found:
     """All scenes, from a seed on; films, by scene, see one run of each."""
-    trials, found, films = Trials(stage), Found(), films or {}
+    trials, found, films = Trials(), Found(), films or {}
     balloon(trials, found, films.get('balloon', unseen))
     time_s = SECONDS[extent]
     cells(trials, found, range(seed, seed + GRASPS[extent]), films.get('allegro', unseen))
@@ -116,7 +108,7 @@ def cells(trials: Trials, found: Found, seeds: range, film: Watcher) -> None:
         centres = trials.pad.skin.config.cells
         judged = [named(touched, centres) for g in grasps for touched in g.contacts]
         judged = [one for one in judged if one.true >= 0]
-        right = sum(one.true == one.told for one in judged)
+        right = sum(one.true == one.estimated for one in judged)
         low, high = stats.beta.ppf([0.025, 0.975], right + np.array([0.5, 0.5]),
                                    len(judged) - right + 0.5)  # fmt: skip
         left = 100 * (1 - float(np.mean([one.chance for one in judged])))

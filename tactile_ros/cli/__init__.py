@@ -7,16 +7,14 @@ import os
 import shutil
 import signal
 import sys
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from tactile_ros import use_one_thread
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
 INTERRUPTED = 130
+_started: list[int] = []  # process id of the command, not of those that it forks
 
 use_one_thread()
 
@@ -32,9 +30,6 @@ def start() -> int:
     from tactile_ros.cli.main import main
 
     return main()
-
-
-_started: list[int] = []  # process id of the command, not of those that it forks
 
 
 def _end(*_: object) -> None:

@@ -11,6 +11,7 @@ example:
 
 from __future__ import annotations
 
+import argparse
 import importlib
 import json
 import os
@@ -18,19 +19,14 @@ import shlex
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import ModuleType
 
 import tactile_ros
 from tactile_ros.cli.console import refuse_unwritable, show
 from tactile_ros.errors import MissingPackageError
-
-if TYPE_CHECKING:
-    import argparse
-    from collections.abc import Sequence
-    from types import ModuleType
-
 
 LONGEST = (  # which begin
     'devices', 'grasp', 'hands', 'gradiometer', 'taxel_array', 'magnet_pad', 'reskin',
@@ -70,10 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def load(name: str, needed_by: str) -> ModuleType:
     """Import `benchmarks.<name>`; its worlds are the packages `benchmarks` and `reference`.
 
-    Raises
-    ------
-    MissingPackageError
-        If the benches, or a package that they import, are not installed.
+    Raises MissingPackageError if the benches, or a package that they import, are not installed.
     """
     place = folder()
     if place is None:
@@ -109,7 +102,8 @@ def run(options: argparse.Namespace) -> int:
             refuse_unwritable(options.figures / f'{name}.svg')
     if options.jobs > 1 and len(benches) > 1 and not options.json:
         return _side_by_side([*benches], extent, results, options)
-    told = []
+    columns = load('harness.rows', '`tactile bench`').COLUMNS
+    listed = []
     for name, bench in benches.items():
         began, spent_s = time.perf_counter(), own_processor_s()
         print(f'bench {name} ({extent}) ...', file=sys.stderr, flush=True)
@@ -120,17 +114,15 @@ def run(options: argparse.Namespace) -> int:
         drawn = result.draw(options.figures) if options.figures else []
         path, seconds = result.write(results), time.perf_counter() - began
         spent_s = own_processor_s() - spent_s
-        told.append(json.loads(path.read_bytes()))
+        listed.append(json.loads(path.read_bytes()))
         if not options.json:
-            columns = load('harness.rows', '`tactile bench`').COLUMNS
-            cells = [row.cells() for row in result.rows]
-            show(columns, cells, title=f'{result.bench}: {result.command}')
-            for note in (*result.notes, *(f'drawn: {path}' for path in drawn)):
-                print(f'  {note}')
             took = f'{seconds:.0f} s ({spent_s:.0f} s of a processor)'
-            print(f'  seeds {result.seed}; {took}; written to {path}')
+            notes = [*result.notes, *(f'drawn: {one}' for one in drawn)]
+            notes.append(f'seeds {result.seed}; {took}; written to {path}')
+            rows = [row.cells() for row in result.rows]
+            show(columns, rows, title=f'{result.bench}: {result.command}', notes=notes)
     if options.json:
-        print(json.dumps(told, indent=2))
+        print(json.dumps(listed, indent=2))
     return 0
 
 

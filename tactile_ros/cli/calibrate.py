@@ -13,10 +13,10 @@ example:
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from tactile_ros.calibration import MARK
 from tactile_ros.cli import guided
@@ -24,22 +24,19 @@ from tactile_ros.cli.console import (
     SHARE,
     add_overwrite,
     find,
+    note,
+    note_if_busy,
     read_config,
     refuse_unwritable,
     show,
-    tell_if_busy,
     working,
 )
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.replay import with_known_rests, with_tare_rows
+from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.registry import fit_layout
-
-if TYPE_CHECKING:
-    import argparse
-
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import Report
+from tactile_ros.types import Recording, Report
 
 KINDS = ('model: ', 'term: ', 'not told: ', 'found: ')
 COLUMNS = (
@@ -99,17 +96,17 @@ def run(options: argparse.Namespace) -> int:
     if options.live:
         print_fit(guided.run(options, spec, config), options)
         return 0
-    loaded = []
+    loaded: list[Recording] = []
     for name in options.recordings:
         with working(f'reading {name}'):
             found, problems = find(name, spec, spec.layout(config), options.truth)
-        rests = [with_tare_rows(one) for one in found]
-        loaded += [recording for recording, _ in rests]
-        several = len(found) > 1
-        told = [f'{one.name}: {said}' if several else said
-                for one, (_, said) in zip(found, rests, strict=True) if said]  # fmt: skip
-        for problem in [*problems, *told]:
-            print(f'  {name}: {problem}', file=sys.stderr if options.json else sys.stdout)
+        for one in found:
+            recording, problem = with_tare_rows(one)
+            loaded.append(recording)
+            where = f'{one.name}: ' if len(found) > 1 else ''
+            problems += [where + problem] * bool(problem)
+        aside = sys.stderr if options.json else sys.stdout
+        note((f'{name}: {problem}' for problem in problems), aside)
     if not any(recording.truth for recording in loaded):
         raise RecordingError(f'{", ".join(options.recordings)} hold no truth to calibrate with')
     began = time.perf_counter()
@@ -134,17 +131,15 @@ def run(options: argparse.Namespace) -> int:
 def print_fit(pipeline: Pipeline, options: argparse.Namespace, seconds: float = 0.0) -> None:
     """Print errors on held-out groups, what else a fit found, and how long it took (s)."""
     show(COLUMNS, report_rows(pipeline), as_json=options.json)
-    if left_out(pipeline):
-        print(left_out(pipeline), file=sys.stderr)
-    if not pipeline.rest_.tared:
-        print(UNTARED, file=sys.stderr)
+    for sentence in filter(None, (left_out(pipeline), '' if pipeline.rest_.tared else UNTARED)):
+        print(sentence, file=sys.stderr)
     for sentence in (*slip_sentence(pipeline), *sentences(pipeline.report)):
         print(sentence, file=sys.stderr if options.json else sys.stdout)
     if not options.json:
         took = f'fitted in {seconds:.1f} s; ' if seconds else ''
         print(f'{took}metres and newton; written to {options.output}')
         print(f'SHA-256 {pipeline.digest}')
-        tell_if_busy()
+        note_if_busy()
 
 
 def left_out(pipeline: Pipeline) -> str:

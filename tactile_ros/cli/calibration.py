@@ -11,22 +11,18 @@ example:
 
 from __future__ import annotations
 
+import argparse
 import json
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.cli.calibrate import COLUMNS, report_rows, sentences
 from tactile_ros.cli.console import as_objects, show
 from tactile_ros.evaluation.fleet import open_calibration
+from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
-
-if TYPE_CHECKING:
-    import argparse
-
-    from tactile_ros.pipeline import Pipeline
 
 MOST_SHOWN = 60  # characters of a value
 
@@ -41,12 +37,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Print what the file holds."""
     pipeline = open_calibration(options.file)
-    stated, rows = stated_of(pipeline), report_rows(pipeline)
-    notes, config = sentences(pipeline.report), changed_fields(pipeline)
+    taxels, channels = pipeline.layout.shape
+    stated = {
+        'sensor': pipeline.sensor,
+        'taxels': f'{taxels} of {channels} channel{"s" if channels > 1 else ""}',
+        'estimates': ', '.join(f'{t} by {name}' for t, name in pipeline.estimators.items()),
+        'classes': ', '.join(pipeline.label_names) or 'none',
+        'rest': 'known: it can be tared' if pipeline.rest_.tared else 'unknown: it takes no tare',
+        'SHA-256': pipeline.digest,
+    }
+    rows, notes, config = report_rows(pipeline), sentences(pipeline.report), _changed(pipeline)
     if options.json:
         targets = as_objects(COLUMNS, rows)
-        told = {**stated, 'targets': targets, 'notes': notes, 'config': config}
-        print(json.dumps(told, indent=2))
+        found = {**stated, 'targets': targets, 'notes': notes, 'config': config}
+        print(json.dumps(found, indent=2))
         return 0
     for name, value in {**stated, **config}.items():
         print(f'{name:12} {value}')
@@ -56,27 +60,13 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def stated_of(pipeline: Pipeline) -> dict[str, str]:
-    """Sensor, size, classes and digest of a pipeline, in words."""
-    taxels, channels = pipeline.layout.shape
-    return {
-        'sensor': pipeline.sensor,
-        'taxels': f'{taxels} of {channels} channel{"s" if channels > 1 else ""}',
-        'estimates': ', '.join(f'{t} by {name}' for t, name in pipeline.estimators.items()),
-        'classes': ', '.join(pipeline.label_names) or 'none',
-        'rest': 'known: it can be tared' if pipeline.rest_.tared else 'unknown: it takes no tare',
-        'SHA-256': pipeline.digest,
-    }
-
-
-def changed_fields(pipeline: Pipeline) -> dict[str, str]:
+def _changed(pipeline: Pipeline) -> dict[str, str]:
     """Fields of the config that are not the defaults of its sensor, shortened."""
     config, usual = pipeline.config, load_sensor(pipeline.sensor).config()
     found = {}
     for name in (entry.name for entry in fields(config)):  # type: ignore[arg-type]
-        value, default = getattr(config, name), getattr(usual, name)
-        if repr(value) != repr(default):
-            told = np.asarray(value).tolist() if isinstance(value, np.ndarray) else value
-            text = str(told)
+        value = getattr(config, name)
+        if repr(value) != repr(getattr(usual, name)):
+            text = str(value.tolist() if isinstance(value, np.ndarray) else value)
             found[name] = text if len(text) <= MOST_SHOWN else f'{text[:MOST_SHOWN]}...'
     return found

@@ -14,18 +14,19 @@ example:
 
 from __future__ import annotations
 
+import argparse
 import os
 import shlex
 import sys
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from tactile_ros.cli.console import add_overwrite, find, refuse_unwritable, show, working
+from tactile_ros.cli.console import add_overwrite, find, note, refuse_unwritable, show, working
 from tactile_ros.errors import plain
 from tactile_ros.evaluation.compare import (
     COLUMNS,
     NOTES,
+    Competitor,
     compare,
     held_out,
     judge,
@@ -33,17 +34,11 @@ from tactile_ros.evaluation.compare import (
     row_of,
 )
 from tactile_ros.evaluation.fleet import open_calibration
-from tactile_ros.evaluation.recording_files import load
+from tactile_ros.evaluation.recording_files import LoadedRecording, load
 from tactile_ros.evaluation.report import PAGE_MARK, write_comparison
 from tactile_ros.evaluation.truth import DEFAULT_TRUTH
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.registry import fit_layout
-
-if TYPE_CHECKING:
-    import argparse
-
-    from tactile_ros.evaluation.compare import Competitor
-    from tactile_ros.evaluation.recording_files import LoadedRecording
 
 MARKS = {'.html': PAGE_MARK, '.svg': b'<svg'}
 
@@ -79,10 +74,9 @@ def run(options: argparse.Namespace) -> int:
     first, *others = judged(options)
     with working('comparing'):
         found = [one for other in others for one in compare(first, other, options.seed)]
-    show(COLUMNS, [row_of(one) for one in found], as_json=options.json)
     limits = [sentence for one in found for sentence in one.sentences]
-    for sentence in (*limits, *NOTES):
-        print(plain(f'  {sentence}'), file=sys.stderr if options.json else sys.stdout)
+    rows = [row_of(one) for one in found]
+    show(COLUMNS, rows, as_json=options.json, notes=(*limits, *NOTES))
     if output:
         command = shlex.join(['tactile', 'compare', *map(str, sys.argv[2:])])
         print(plain(f'written: {write_comparison(output, found, command)}'), file=sys.stderr)
@@ -109,8 +103,7 @@ def judged(options: argparse.Namespace) -> list[Competitor]:
         with working(f'reading {name}'):
             recordings, problems = find(name, spec, layout, truth)
         loaded += recordings
-        for problem in problems:
-            print(plain(f'  {name}: {problem}'), file=sys.stderr)
+        note(f'{name}: {problem}' for problem in problems)
     if not loaded:
         raise ValueError('name the recordings to compare on: --on RECORDING')
     config = fit_layout(spec.config(), loaded[0].recording.layout)

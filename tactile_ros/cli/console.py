@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.errors import RecordingError, TactileError
+from tactile_ros.errors import RecordingError, TactileError, plain
 from tactile_ros.evaluation.figures import check_png
 from tactile_ros.evaluation.recording_files import LoadedRecording, load
 from tactile_ros.files import read_yaml, refuse_special
@@ -26,7 +26,7 @@ from tactile_ros.types import Closing, Table
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from typing import TextIO
 
     from tactile_ros.sensors import SensorSpec
@@ -40,30 +40,35 @@ LOAD = os.getloadavg()[0]  # of the minute before this command
 
 
 def show(
-    columns: Sequence[str],
-    rows: Sequence[Sequence[Cell]],
-    title: str = '',
-    as_json: bool = False,
-) -> None:
-    """Print a table, numbers to the right; or JSON, a list of objects."""
+    columns: Sequence[str], rows: Sequence[Sequence[Cell]], title: str = '', as_json: bool = False,
+    notes: Iterable[str] = (),
+) -> None:  # fmt: skip
+    """Print a table, numbers to the right, and notes; or JSON, a list of objects."""
     if as_json:
         print(json.dumps(as_objects(columns, rows), indent=2))
-        return
-    if title:
-        print()
-    print(Table(title, tuple(columns), tuple(map(tuple, rows))))
-    if any(name.startswith('us') for name in columns):
-        tell_if_busy()
+    else:
+        if title:
+            print()
+        print(Table(title, tuple(columns), tuple(map(tuple, rows))))
+        if any(name.startswith('us') for name in columns):
+            note_if_busy()
+    note(notes, sys.stderr if as_json else sys.stdout)
+
+
+def note(sentences: Iterable[str], file: TextIO | None = None) -> None:
+    """Print sentences that stand below a table, or on stderr."""
+    for sentence in sentences:
+        print(plain(f'  {sentence}'), file=file or sys.stderr)
 
 
 def as_objects(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> list[dict[str, Cell]]:
     """The same table as a list of objects; what is not finite becomes null."""
 
-    def plain(cell: Cell) -> Cell:
+    def value_of(cell: Cell) -> Cell:
         value: Cell = cell.item() if isinstance(cell, np.generic) else cell
         return None if isinstance(value, float) and not np.isfinite(value) else value
 
-    return [dict(zip(columns, map(plain, row), strict=True)) for row in rows]
+    return [dict(zip(columns, map(value_of, row), strict=True)) for row in rows]
 
 
 class Progress(Closing):
@@ -134,31 +139,31 @@ def working(
 ) -> Iterator[None]:  # fmt: skip
     """Say on stderr what is being done once it takes long: a line, on a terminal the seconds.
 
-    `part` does one part in `SHARE` of it: where a second processor is there, it tells how long the
-    whole may take.
+    `part` does one part in `SHARE` of it, from which a second processor tells the time of all.
     """
     done, began = threading.Event(), time.monotonic()
     file = stream or sys.stderr
     estimate = TimeEstimate(part) if part and len(os.sched_getaffinity(0)) > 1 else None
 
-    def tell() -> None:
+    def show_progress() -> None:
         if done.wait(patience_s):
             return
-        if not file.isatty():
+        terminal = file.isatty()
+        begin, end = ('\r', '') if terminal else ('', '\n')
+        about = ''
+        if not terminal:
             print(f'{what} ...', file=file, flush=True)
-        while not done.wait(STEP_S):
+        while not done.wait(STEP_S) and (terminal or not about):
             seconds = time.monotonic() - began
             expected_s = estimate.expected_s if estimate else 0.0
             about = f' of about {max(expected_s, seconds):.0f} s' if expected_s else ''
-            if file.isatty():
-                print(f'\r{what} ... {seconds:.0f} s{about}', end='', file=file, flush=True)
-            elif about:
-                print(f'{what} ... {seconds:.0f} s{about}', file=file, flush=True)
-                return
-        if file.isatty():
+            if terminal or about:
+                line = f'{begin}{what} ... {seconds:.0f} s{about}'
+                print(line, end=end, file=file, flush=True)
+        if terminal:
             print('\r\033[K', end='', file=file, flush=True)
 
-    teller = threading.Thread(target=tell, daemon=True)
+    teller = threading.Thread(target=show_progress, daemon=True)
     teller.start()
     try:
         yield
@@ -169,7 +174,7 @@ def working(
             estimate.close()
 
 
-def tell_if_busy(load: float = LOAD) -> None:
+def note_if_busy(load: float = LOAD) -> None:
     """Say on stderr that times mean little where other programs had the processors before."""
     processors = len(os.sched_getaffinity(0))
     if load > BUSY * processors:
@@ -181,11 +186,7 @@ def refuse_unwritable(path: Path, mark: bytes = b'', *, overwrite: bool = True) 
     """Refuse a file or new folder that could not be written at the end; nothing is made or left.
 
     A file without `mark`, which every file of the command holds, is replaced on request alone.
-
-    Raises
-    ------
-    TactileError
-        With the system's reason, or where `path` is a folder or a file of something else.
+    Raises TactileError with the system's reason, or for a folder or a file of something else.
     """
     try:
         refuse_special(path)
@@ -219,10 +220,7 @@ def find(
 ) -> tuple[list[LoadedRecording], list[str]]:
     """Recordings under a path, or the shipped one of that name, and what could not be read.
 
-    Raises
-    ------
-    RecordingError
-        If there is neither.
+    Raises RecordingError if there is neither.
     """
     if Path(name).exists():
         found = load(name, layout, truth) if truth else load(name, layout)
@@ -237,11 +235,8 @@ def find(
 def read_config(spec: SensorSpec, path: Path | None) -> SensorConfig:
     """Config of a sensor with the fields that a yaml file changes.
 
-    Raises
-    ------
-    ValueError
-        If the file is missing, too large, no mapping, or names a field that the config does not
-        have or a value that it cannot have.
+    Raises ValueError if the file is missing, too large, no mapping, or names a field that the
+    config does not have or a value that it cannot have.
     """
     config = spec.config()
     if path is None:
@@ -253,8 +248,8 @@ def read_config(spec: SensorSpec, path: Path | None) -> SensorConfig:
     except ValueError as error:
         raise ValueError(f'config {path} is {error}') from error
     names = {f.name for f in fields(config)}  # type: ignore[arg-type]
-    if not isinstance(given, dict) or not set(given) <= names:
-        stray = sorted(map(str, set(given) - names)) if isinstance(given, dict) else given
+    stray = sorted(map(str, set(given) - names)) if isinstance(given, dict) else given
+    if not isinstance(given, dict) or stray:
         raise ValueError(f'config {path} must map {", ".join(sorted(names))}; received {stray}')
     try:
         values = {name: _value(value, getattr(config, name)) for name, value in given.items()}

@@ -16,43 +16,36 @@ example:
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
 import tempfile
 import time
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.cli import bench, interruptible
 from tactile_ros.cli.calibrate import sentences
-from tactile_ros.cli.console import working
+from tactile_ros.cli.console import show, working
 from tactile_ros.cli.record import wait, wait_for_frames
-from tactile_ros.cli.replay import evaluate, print_result
 from tactile_ros.errors import TactileError
-from tactile_ros.evaluation.recording_files import load, save_recording
+from tactile_ros.evaluation import fleet
+from tactile_ros.evaluation.recording_files import LoadedRecording, load, save_recording
 from tactile_ros.evaluation.replay import replay
-from tactile_ros.evaluation.report import Dataset, Result, answer, provenance, write_report
+from tactile_ros.evaluation.report import Dataset, Result, answer, provenance, table, write_report
 from tactile_ros.files import UNFINISHED
-from tactile_ros.sensors import load_sensor
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.sensors import SensorSpec, load_sensor
+from tactile_ros.types import Recording
 
-if TYPE_CHECKING:
-    import argparse
-    from collections.abc import Callable, Iterator
-    from concurrent.futures import Future
-
-    from tactile_ros.evaluation.recording_files import LoadedRecording
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.sensors.registry import EnrolmentScene
-    from tactile_ros.types import Recording
-
-    Say = Callable[[str], None]
+Say = Callable[[str], None]
 
 SENSOR = 'reskin_board'
 HELD_PLACES, TOUCHES_PLAYED = 0.2, 300
@@ -117,31 +110,36 @@ def run(options: argparse.Namespace) -> int:
     spec = load_sensor(options.sensor)
     name = options.what if options.what == 'grasp' else spec.key
     output = (options.output or Path('out') / 'demo' / name).resolve()
+    say = partial(_say, time.perf_counter())
     with results(output, overwrite=options.overwrite) as made:
         if options.what == 'grasp':
-            show = bench.load('worlds.grasp_demo', '`tactile demo grasp`')
-            return int(show.run_grasps(output, options.seed, options.json))
-        say = partial(_say, time.perf_counter())
-        if spec.key != SENSOR:
-            played = run_twin(spec.key, made, options.seed, as_json=options.json)
+            grasps = bench.load('worlds.grasp_demo', '`tactile demo grasp`')
+            return int(grasps.run_grasps(output, options.seed, options.json))
+        if spec.key == SENSOR:
+            result = run_recordings(made, options.seed, say)
+            shown = result.sentences
         else:
-            played = run_recordings(made, options.seed, say, as_json=options.json)
+            result, shown = run_twin(spec, made, options.seed, say)
+        show(*table(result), as_json=options.json, notes=shown)
+        write_report(made / 'report.html', result)
     say('done')
-    places = [('bag', output / 'bags' / name) for name in played]
-    places += [('calibration', output / 'calibrations' / f'{name}.npz') for name in played]
-    for name, path in (*places, ('report', output / 'report.html')):
-        print(f'{name:12} {path}', file=sys.stderr if options.json else sys.stdout)
+    names = [one.name for one in result.datasets]
+    places = [('bag', output / 'bags' / name) for name in names]
+    places += [('calibration', output / 'calibrations' / f'{name}.npz') for name in names]
+    for kind, path in (*places, ('report', output / 'report.html')):
+        print(f'{kind:12} {path}', file=sys.stderr if options.json else sys.stdout)
     return 0
+
+
+def _say(began: float, sentence: str) -> None:
+    print(f'[{time.perf_counter() - began:5.1f} s] {sentence}', file=sys.stderr, flush=True)
 
 
 @contextmanager
 def results(output: Path, *, overwrite: bool) -> Iterator[Path]:
     """Folder for results, which replace those of an earlier demo in `output` at the end.
 
-    Raises
-    ------
-    TactileError
-        If `output` holds files and no demo made it, unless they may be replaced.
+    Raises TactileError if `output` holds files and no demo made it, unless they may be replaced.
     """
     foreign = output.is_dir() and any(output.iterdir()) and not (output / MARK).is_file()
     if foreign and not overwrite:
@@ -154,16 +152,14 @@ def results(output: Path, *, overwrite: bool) -> Iterator[Path]:
             held.callback(_remove_empty, output)
         folder = held.enter_context(tempfile.TemporaryDirectory(dir=output, prefix='.new_'))
         UNFINISHED.add(folder)
-        try:
-            yield Path(folder)
-        finally:
-            UNFINISHED.discard(folder)
+        held.callback(UNFINISHED.discard, folder)
+        yield Path(folder)
+        UNFINISHED.discard(folder)  # what is moved from here on is not removed by an interrupt
         (output / MARK).touch()
         for made in [Path(folder) / name for name in RESULTS]:
             if made.exists():
-                earlier = Path(folder) / f'earlier_{made.name}'
                 if (output / made.name).exists():
-                    (output / made.name).rename(earlier)
+                    (output / made.name).rename(Path(folder) / f'earlier_{made.name}')
                 made.rename(output / made.name)
 
 
@@ -173,33 +169,24 @@ def _remove_empty(folder: Path) -> None:
         folder.rmdir()
 
 
-def run_recordings(output: Path, seed: int, say: Say, *, as_json: bool) -> list[str]:
-    """Calibrate on parts of real recordings, play the others; names of what was played."""
+def run_recordings(output: Path, seed: int, say: Say) -> Result:
+    """Calibrate on parts of real recordings, play the others."""
     chosen = parts(seed)
-    command = f'tactile demo --seed {seed}'
-    title = 'A real recording through the real graph'
     datasets, fitted = measure(chosen, output, say), output / 'calibrations'
     best = {one.name: load_sensor(SENSOR).load(fitted / f'{one.name}.npz') for one in chosen}
-    result = Result(title, command, provenance(best, best), datasets, NOTES)
-    print_result(result, as_json=as_json)
-    write_report(output / 'report.html', result)
-    return [part.name for part in chosen]
-
-
-def _say(began: float, sentence: str) -> None:
-    print(f'[{time.perf_counter() - began:5.1f} s] {sentence}', file=sys.stderr, flush=True)
+    title, command = 'A real recording through the real graph', f'tactile demo --seed {seed}'
+    return Result(title, command, provenance(best, best), datasets, NOTES)
 
 
 def parts(seed: int) -> list[Part]:
     """The three parts: places held out, a run held out, the last cycles held out."""
     shipped = load_sensor(SENSOR).recordings()
-    train, played = split_places(shipped['spatial'], seed)
     return [
         Part(
             'place',
             'Touches at grid points that the calibration has never seen, in any touch; the depth '
             'of the probe varies.',
-            train, played, 60.0, in_time=False,
+            *split_places(shipped['spatial'], seed), 60.0, in_time=False,
         ),
         Part(
             'normal',
@@ -215,22 +202,19 @@ def parts(seed: int) -> list[Part]:
 
 
 def split_places(recording: Recording, seed: int) -> tuple[Recording, Recording]:
-    """Touches at a random fifth of the places to play, those at all others to learn from."""
+    """Touches at all places but a random fifth to learn from, those at these to play."""
     tare = np.zeros(len(recording), bool) if recording.tare is None else recording.tare
     touch = np.flatnonzero(~tare)
     plane = np.round(1e3 * recording.truth['position'][touch, :2].astype(float))
-    _, place = np.unique(plane, axis=0, return_inverse=True)
-    place = np.ravel(place)
+    place = np.ravel(np.unique(plane, axis=0, return_inverse=True)[1])
     rng = np.random.default_rng(seed)
     held = rng.permutation(place.max() + 1)[: int(HELD_PLACES * (place.max() + 1))]
     test = np.isin(place, held)
     chosen = np.sort(rng.permutation(np.flatnonzero(test))[:TOUCHES_PLAYED])
-    return with_tares(recording, touch[~test]), with_tares(recording, touch[chosen])
-
-
-def with_tares(recording: Recording, touch: np.ndarray) -> Recording:
-    """Touches with the tare row that comes right before each."""
-    return recording.select(np.sort(np.concatenate([touch - 1, touch])))
+    # with the tare row that comes right before each
+    rows = (np.sort(np.concatenate([one - 1, one])) for one in (touch[~test], touch[chosen]))
+    train, played = map(recording.select, rows)
+    return train, played
 
 
 def split_cycles(recording: Recording, first: int) -> tuple[Recording, Recording]:
@@ -263,7 +247,7 @@ def measure(chosen: list[Part], output: Path, say: Say) -> tuple[Dataset, ...]:
         pool.shutdown(cancel_futures=True)
     say('replaying the bags')
     return tuple(
-        judge(part, output, _different([fit.result() for fit in fits[part.name]]))
+        judge(part, output, [load_sensor(SENSOR).load(fit.result()) for fit in fits[part.name]])
         for part in chosen
     )
 
@@ -290,13 +274,6 @@ def fit_one(part: Part, name: str | None, output: Path) -> Path:
     return path
 
 
-def _different(paths: list[Path]) -> list[Pipeline]:
-    """The best first, and of the others those that are not the same estimator again."""
-    best, *others = (load_sensor(SENSOR).load(path) for path in paths)
-    same = set(best.estimators.values())
-    return [best, *(other for other in others if set(other.estimators.values()) != same)]
-
-
 def play(part: Part, output: Path) -> str:
     """Run the graph on one part and record its bag; what the player said at the end."""
     from tactile_ros.nodes.graph import SensorSetup, sensing
@@ -319,49 +296,63 @@ def play(part: Part, output: Path) -> str:
 
 
 def judge(part: Part, output: Path, pipelines: list[Pipeline]) -> Dataset:
-    """Replay the bag with every pipeline, and with automatic rest detection alone."""
+    """Replay the bag with the best pipeline, others than it, and with its rest found alone."""
+    best, *others = pipelines
+    same = set(best.estimators.values())
+    others = [other for other in others if set(other.estimators.values()) != same]
     loaded = load(output / 'bags' / part.name).recordings[0]
-    dataset = evaluate(loaded, pipelines, part.summary, part.name)
-    first, *others = dataset.answers
+    dataset = _evaluated(loaded, [best, *others], part.summary, part.name)
+    first, *answers = dataset.answers
     # the same frames with the first tare only, after the baseline of the calibration
     untared = replace(loaded, baselines=loaded.baselines[:2], contacts=None, calibrations=())
     name = f'{first.name}, rest found alone'
-    again = replay(untared, pipelines[0])
+    again = replay(untared, best)
     alone = answer(name, loaded.recording, again.states, again.us_single, again.us_batch)
     latency = np.zeros(0) if part.in_time else dataset.latency_s
-    return replace(dataset, answers=(first, alone, *others), latency_s=latency)
+    return replace(dataset, answers=(first, alone, *answers), latency_s=latency)
+
+
+def _evaluated(
+    loaded: LoadedRecording, pipelines: Sequence[Pipeline], summary: str, name: str
+) -> Dataset:
+    """Answers of every pipeline, of which the first one made the live run."""
+    found = fleet.evaluate(loaded, {str(i): one for i, one in enumerate(pipelines)})
+    first = found.answers[0]
+    return replace(
+        found, name=name, summary=summary, agreement=first.agreement,
+        problems=(*found.problems, *first.problems),
+    )  # fmt: skip
 
 
 def run_twin(
-    key: str, output: Path, seed: int, seconds: float = PLAYED_S, *, as_json: bool = False
-) -> list[str]:
-    """Calibrate on simulated presses of the next seed, run the graph on a twin, replay, report."""
-    say = partial(_say, time.perf_counter())
+    spec: SensorSpec, output: Path, seed: int, say: Say, seconds: float = PLAYED_S
+) -> tuple[Result, list[str]]:
+    """Calibrate on simulated presses of the next seed, run the graph on a twin, replay.
+
+    Returns the result, and sentences that are shown below its table.
+    """
+    key = spec.key
     say(f'calibrating {key} on simulated presses of seed {seed + 1}')
     with working(f'fitting {key}'):
-        pipeline = fit_twin(key, seed + 1, output / 'calibrations' / f'{key}.npz')
+        pipeline = fit_twin(spec, seed + 1, output / 'calibrations' / f'{key}.npz')
     say(f'twin of {key}, seed {seed}: {seconds:g} s through driver, nodes and recorder')
-    play_twin(key, seed, output, seconds, say)
+    play_twin(spec, seed, output, seconds, say)
     say('replaying the bag')
     loaded = load(output / 'bags' / key).recordings[0]
     summary = f'Presses of seed {seed} on a twin, in a simple signal; calibrated on others.'
-    dataset = evaluate(loaded, [pipeline], summary, key)
+    dataset = _evaluated(loaded, [pipeline], summary, key)
     rate = f'The twin sends {pipeline.layout.rate_hz:g} frames a second.'
-    learned = outcome(loaded, _new_class(key))
+    learned = outcome(loaded, _new_class(spec))
     notes = (*TWIN_NOTES, rate, *learned, *sentences(pipeline.report))
     title = f'A simulated {key} through the real graph'
     command = f'tactile demo --sensor {key} --seed {seed}'
     result = Result(title, command, provenance([key], {key: pipeline}), (dataset,), notes)
-    print_result(result, as_json=as_json)
-    for sentence in (f'{TWIN_NOTES[0]} {rate}', *learned):
-        print(f'  {key}: {sentence}', file=sys.stderr if as_json else sys.stdout)
-    write_report(output / 'report.html', result)
-    return [key]
+    shown = [f'{key}: {sentence}' for sentence in (f'{TWIN_NOTES[0]} {rate}', *learned)]
+    return result, [*result.sentences, *shown]
 
 
-def fit_twin(key: str, seed: int, path: Path) -> Pipeline:
+def fit_twin(spec: SensorSpec, seed: int, path: Path) -> Pipeline:
     """Calibration from simulated presses, as it is read back from its file."""
-    spec = load_sensor(key)
     config = spec.config(**spec.demo)
     if spec.lesson is not None:
         train = spec.lesson.calibration(config, seed)
@@ -373,18 +364,17 @@ def fit_twin(key: str, seed: int, path: Path) -> Pipeline:
     return spec.load(path)
 
 
-def _new_class(key: str) -> int:
+def _new_class(spec: SensorSpec) -> int:
     """Number of a class that the calibration of a demo does not know."""
-    spec = load_sensor(key)
     return len(getattr(spec.config(**spec.demo), 'objects', ()))
 
 
-def play_twin(key: str, seed: int, output: Path, seconds: float, say: Say) -> None:
+def play_twin(spec: SensorSpec, seed: int, output: Path, seconds: float, say: Say) -> None:
     """Run the graph on the twin and record it; teach it what its scene has to be learned."""
     from tactile_ros.nodes.graph import SensorSetup, sensing
     from tactile_ros.nodes.processes import Running
 
-    spec, bag = load_sensor(key), output / 'bags' / key
+    key, bag = spec.key, output / 'bags' / spec.key
     fast = spec.layout(spec.config(**spec.demo)).rate_hz > RATE_OF_PROCESSES
     setting = SensorSetup(
         sensor=key, source='simulated', seed=seed, bag=str(bag), namespace=key, stack=fast,
@@ -396,11 +386,11 @@ def play_twin(key: str, seed: int, output: Path, seconds: float, say: Say) -> No
     }
     if spec.lesson is not None:
         values['scene'] = 'lesson'
-    graph = sensing(setting).with_parameters('sensor_node', values) if values else sensing(setting)
+    graph = sensing(setting).with_parameters('sensor_node', values)
     with interruptible(), Running(graph, LOCAL) as running:
         wait_for_frames(running, bag)
         if spec.lesson is not None:
-            teach(spec.lesson, _new_class(key), key, say)
+            teach(spec, say)
         wait(running, bag, seconds)
         for name in running.lines:
             if not running.is_alive(name):
@@ -410,22 +400,20 @@ def play_twin(key: str, seed: int, output: Path, seconds: float, say: Say) -> No
         running.stop(['stack' if fast else 'sensor_node'])
 
 
-def teach(lesson: EnrolmentScene, number: int, namespace: str, say: Say) -> None:
-    """Enrol the class of a number once the truth says that it presses.
+def teach(spec: SensorSpec, say: Say) -> None:
+    """Enrol the class of a twin's scene once the truth says that it presses.
 
-    Raises
-    ------
-    TactileError
-        If it is not shown or not learned.
+    Raises TactileError if it is not shown or not learned.
     """
     from tactile_ros.nodes.enrolment_server import EnrolmentClient, EnrolRequest
 
-    with EnrolmentClient(namespace) as client:
+    assert spec.lesson is not None
+    label, number = spec.lesson.label, _new_class(spec)
+    with EnrolmentClient(spec.key) as client:
         client.wait_for_truth(lambda truth: bool(truth.label == number), SHOWN_S)
-        say(f'something unknown presses: enrolling it as {lesson.label!r}')
-        learned = client.enrol(
-            EnrolRequest(lesson.label, lesson.presses, LEARNED_S), lambda _, said: say(said)
-        )
+        say(f'something unknown presses: enrolling it as {label!r}')
+        request = EnrolRequest(label, spec.lesson.presses, LEARNED_S)
+        learned = client.enrol(request, lambda _, said: say(said))
     if not learned.success:
         raise TactileError(learned.message)
     say(learned.message)

@@ -13,16 +13,9 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from tactile_ros.cli.console import as_objects, read_config, working
-from tactile_ros.sensors import designable, load_sensor
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from tactile_ros.sensors import Design, SensorSpec
-    from tactile_ros.types import Table
+from tactile_ros.sensors import Design, SensorSpec, designable, load_sensor
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,24 +49,13 @@ def run(options: argparse.Namespace) -> int:
     config = read_config(spec, own.config)
     with working(f'working out {spec.key}'):
         tables = design.tables(config, own)
-    (print_json if own.json else print_text)(tables)
+    if own.json:
+        listed = [
+            {'title': t.title, 'rows': as_objects(t.columns, t.rows), 'notes': list(t.notes)}
+            for t in tables
+        ]
+        print(json.dumps(listed, indent=2, allow_nan=False))
+    else:
+        for table in tables:
+            print(f'\n{table}')
     return 0
-
-
-def print_text(tables: Sequence[Table]) -> None:
-    """Every table with its notes below."""
-    for table in tables:
-        print(f'\n{table}')
-
-
-def print_json(tables: Sequence[Table]) -> None:
-    """The same as a list of objects with title, rows and notes; NaN becomes null."""
-    told = [
-        {
-            'title': table.title,
-            'rows': as_objects(table.columns, table.rows),
-            'notes': list(table.notes),
-        }
-        for table in tables
-    ]
-    print(json.dumps(told, indent=2, allow_nan=False))

@@ -19,20 +19,21 @@ example:
 
 from __future__ import annotations
 
+import argparse
 import importlib.util
 import json
 import os
 import sys
 import time
 from argparse import ArgumentTypeError
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.cli.console import as_objects, show, working
+from tactile_ros.cli.console import as_objects, note, show, working
 from tactile_ros.devices.mlx90393 import MUX_ADDRESSES, Command
 from tactile_ros.devices.transport import I2cBus, list_buses, list_ports
 from tactile_ros.errors import (
@@ -43,18 +44,11 @@ from tactile_ros.errors import (
     TactileError,
     plain,
 )
-from tactile_ros.evaluation.bag_check import check_bag, repair_bag
+from tactile_ros.evaluation.bag_check import BagCheck, FrameCheck, check_bag, repair_bag
 from tactile_ros.files import read_yaml
 from tactile_ros.sensors import load_sensor
-from tactile_ros.types import TaxelStatus
-
-if TYPE_CHECKING:
-    import argparse
-    from collections.abc import Callable, Sequence
-
-    from tactile_ros.evaluation.bag_check import BagCheck, FrameCheck
-    from tactile_ros.sensors.registry import Connection
-    from tactile_ros.types import Array, Device, Frame, Layout, SensorConfig
+from tactile_ros.sensors.registry import Connection
+from tactile_ros.types import Array, Device, Frame, Layout, SensorConfig, TaxelStatus
 
 OK, NOTE, WARN, BAD = 'ok', 'note', 'warn', 'bad'
 LONGEST_S, READ_S = 3600, 0.5
@@ -102,7 +96,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Trial:
+class DeviceCheck:
     """Frames and counters of a few seconds of reading."""
 
     layout: Layout
@@ -145,7 +139,13 @@ def run(options: argparse.Namespace) -> int:
         return run_bag(options)
     if options.repair is not None:
         raise ValueError('--repair must come with the bag that is meant; received none')
-    found = packages() + ([] if options.simulated else machine(options.probe))
+    found = [
+        Finding(name, OK, 'installed')
+        if importlib.util.find_spec(name)
+        else Finding(name, WARN, 'not installed', remedy)
+        for name, remedy in PACKAGES.items()
+    ]
+    found += [] if options.simulated else machine(options.probe)
     if options.sensor is not None:
         found += examine(options)
     elif not any('/dev/' in finding.where for finding in found):
@@ -189,19 +189,18 @@ def run_bag(options: argparse.Namespace) -> int:
     if options.repair is not None:
         with working(f'repairing {options.bag}'):
             saved = repair_bag(options.bag, options.repair)
-        for sentence in saved.problems:
-            print(plain(f'  left out: {sentence}'), file=sys.stderr)
-        total = saved.counts.total()
-        told = f'bag: {options.repair}, {total} messages of {len(saved.counts)} topics'
-        print(plain(told), file=sys.stderr)
+        note(f'left out: {sentence}' for sentence in saved.problems)
+        total = f'{saved.counts.total()} messages of {len(saved.counts)} topics'
+        print(plain(f'bag: {options.repair}, {total}'), file=sys.stderr)
     return int(any(finding.state == BAD for finding in found))
 
 
 def bag_findings(check: BagCheck) -> list[Finding]:
     """Findings of a bag with remedies."""
-    remedy = 'save what can be read: `tactile doctor BAG --repair OUT`'
     found = [Finding('file', BAD, sentence) for sentence in check.damage]
-    found[-1:] = [replace(one, remedy=remedy) for one in found[-1:]]
+    if found:
+        remedy = 'save what can be read: `tactile doctor BAG --repair OUT`'
+        found[-1] = replace(found[-1], remedy=remedy)
     found += [Finding('replay', BAD, f'leaves out {sentence}') for sentence in check.left_out]
     if check.unused:
         found.append(Finding('replay', NOTE, f'leaves out {", ".join(check.unused)}'))
@@ -217,7 +216,6 @@ def _of_frames(check: FrameCheck) -> list[Finding]:
     """Findings of the frames of one sensor in a bag."""
     lost, jumps = check.lost, check.jumps
     worst = jumps[np.argmax(np.abs(jumps))] if len(jumps) else 0.0
-    rate = 1 / check.period_s
     share = ', '.join(f'{taxel} ({100 * part:.3g} %)' for taxel, part in check.dead.items())
     rows = [
         ('gaps', len(lost), f'{lost.sum()} frames are lost in {len(lost)} gaps, at most '
@@ -229,7 +227,7 @@ def _of_frames(check: FrameCheck) -> list[Finding]:
         ('taxels', len(check.dead), f'unusable: {share}',
          'check their wires and supply; a fit leaves dead taxels out'),
     ]  # fmt: skip
-    found = [Finding('frames', OK, f'{check.frames}, {rate:.4g} Hz by their stamps')]
+    found = [Finding('frames', OK, f'{check.frames}, {1 / check.period_s:.4g} Hz by their stamps')]
     found += [
         Finding(name, BAD, what, remedy) if wrong else Finding(name, OK, 'none')
         for name, wrong, what, remedy in rows
@@ -237,16 +235,6 @@ def _of_frames(check: FrameCheck) -> list[Finding]:
     if check.restarts:
         found.append(Finding('counter', NOTE, f'began again {check.restarts} times'))
     return found + [Finding('replay', WARN, f'says: {one}') for one in check.problems]
-
-
-def packages() -> list[Finding]:
-    """Optional packages that sensors and nodes need."""
-    return [
-        Finding(name, OK, 'installed')
-        if importlib.util.find_spec(name)
-        else Finding(name, WARN, 'not installed', remedy)
-        for name, remedy in PACKAGES.items()
-    ]
 
 
 def machine(probed: bool) -> list[Finding]:
@@ -265,8 +253,9 @@ def serial_ports(names: Sequence[str], root: Path = Path('/')) -> list[Finding]:
     found: list[Finding] = []
     for name in names:
         path = root / name.lstrip('/')
-        found.append(permission(path, 'dialout', port_rule(path.name, root)))
-        timer = root / 'sys/class/tty' / path.name / 'device/latency_timer'
+        device = root / 'sys/class/tty' / path.name / 'device'
+        found.append(permission(path, 'dialout', port_rule(device)))
+        timer = device / 'latency_timer'
         if timer.is_file():
             found.append(latency(path.name, timer))
     return found or [
@@ -285,17 +274,18 @@ def permission(path: Path, group: str, rule: str) -> Finding:
     except KeyError:  # a group without a name, as in containers
         owner = str(path.stat().st_gid)
     if owner in ('root', 'nogroup'):
-        reload = 'reload by `sudo udevadm control --reload` and replug'
-        remedy = f"put the udev rule '{rule}' into {RULES}, {reload}"
+        remedy = (
+            f"put the udev rule '{rule}' into {RULES}, reload by `sudo udevadm control --reload` "
+            'and replug'
+        )
         return Finding(str(path), BAD, f'belongs to the group {owner}', remedy)
     remedy = f'add yourself to its group: `sudo usermod -aG {owner} $USER`, and log in again'
     return Finding(str(path), BAD, f'only the group {owner or group} may use it', remedy)
 
 
-def port_rule(name: str, root: Path) -> str:
-    """Rule (udev) for the port of a name such as ttyACM0."""
+def port_rule(device: Path) -> str:
+    """Rule (udev) for the port of a device below /sys/class/tty."""
     match = 'SUBSYSTEM=="tty"'
-    device = root / 'sys/class/tty' / name / 'device'
     for folder in (device / '..', device / '../..', device / '../../..'):
         vendor, product = folder / 'idVendor', folder / 'idProduct'
         if vendor.is_file() and product.is_file():
@@ -309,15 +299,18 @@ def latency(name: str, timer: Path) -> Finding:
     """Latency timer of the USB converter of a port."""
     text = timer.read_text().strip()
     milliseconds = int(text) if text.isdigit() else 0
-    what = f'its converter keeps bytes back for up to {milliseconds} ms'
-    if milliseconds <= MOST_LATENCY_MS:
-        return Finding(f'/dev/{name} latency', OK, what)
     remedy = (
         f'write 1 into {timer} as root, and for ever by the udev rule '
         f'\'ACTION=="add", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", '
         f'ATTR{{latency_timer}}="1"\' in {RULES}'
     )
-    return Finding(f'/dev/{name} latency', WARN, what, remedy)
+    what = f'its converter keeps bytes back for up to {milliseconds} ms'
+    return judged(f'/dev/{name} latency', what, milliseconds > MOST_LATENCY_MS, remedy)
+
+
+def judged(where: str, what: str, wrong: bool, remedy: str) -> Finding:
+    """Finding that is ok, or a warning with its remedy."""
+    return Finding(where, WARN, what, remedy) if wrong else Finding(where, OK, what)
 
 
 def buses(names: Sequence[str]) -> list[Finding]:
@@ -375,12 +368,12 @@ def examine(options: argparse.Namespace) -> list[Finding]:
             device = spec.open(config, connection, time.time_ns)
         try:
             with working(f'reading {spec.key}'):
-                trial = watch(device, options.seconds)
+                check = watch(device, options.seconds)
         except TactileError as err:
             return [Finding(spec.key, BAD, 'cannot be read', str(err))]
     kind = 'simulated twin' if options.simulated else 'sensor'
-    what = f'{kind}, {len(trial.frames)} frames in {options.seconds:g} s'
-    return [Finding(spec.key, NOTE, what), *findings(trial)]
+    what = f'{kind}, {len(check.frames)} frames in {options.seconds:g} s'
+    return [Finding(spec.key, NOTE, what), *findings(check)]
 
 
 def _pair(text: str) -> tuple[str, object]:
@@ -398,11 +391,10 @@ def _pair(text: str) -> tuple[str, object]:
 def _with(given: dict[str, object], *parts: object) -> tuple[SensorConfig, Connection]:
     """Dataclasses with the fields that were given."""
     names = [{f.name for f in fields(part)} for part in parts]  # type: ignore[arg-type]
-    every = sorted(set().union(*names))
-    if stray := sorted(set(given) - set(every)):
-        raise ValueError(
-            f'--set must name one of {", ".join(every)}; received {", ".join(stray)}'
-        )
+    every = set().union(*names)
+    if stray := sorted(set(given) - every):
+        known = ', '.join(sorted(every))
+        raise ValueError(f'--set must name one of {known}; received {", ".join(stray)}')
     given = {n: tuple(v) if isinstance(v, list) else v for n, v in given.items()}
     return tuple(  # type: ignore[return-value]
         replace(part, **{n: v for n, v in given.items() if n in own})  # type: ignore[type-var]
@@ -410,16 +402,14 @@ def _with(given: dict[str, object], *parts: object) -> tuple[SensorConfig, Conne
     )
 
 
-def watch(
-    device: Device, seconds: float, monotonic: Callable[[], float] = time.monotonic
-) -> Trial:
+def watch(device: Device, seconds: float) -> DeviceCheck:
     """Open a device and read it for so many seconds; no failure is raised."""
     frames: list[Frame] = []
     failure = ''
     try:
         with device:
-            end = monotonic() + seconds
-            while monotonic() < end:
+            end = time.monotonic() + seconds
+            while time.monotonic() < end:
                 try:
                     frames.append(device.read(READ_S))
                     failure = ''
@@ -427,61 +417,57 @@ def watch(
                     failure = str(err)
     except TactileError as err:
         failure = str(err)
-    return Trial(device.layout, frames, failure, device.counters())
+    return DeviceCheck(device.layout, frames, failure, device.counters())
 
 
-def findings(trial: Trial) -> list[Finding]:
-    """Findings of a trial with remedies."""
+def findings(check: DeviceCheck) -> list[Finding]:
+    """Findings of a sensor that was read, with remedies."""
     troubles = [
-        Finding(name.replace('_', ' '), WARN, str(trial.counters[name]), remedy)
+        Finding(name.replace('_', ' '), WARN, str(check.counters[name]), remedy)
         for name, remedy in TROUBLES.items()
-        if trial.counters.get(name)
+        if check.counters.get(name)
     ]
-    if len(trial.frames) < 4:
-        what = f'{len(trial.frames)} frames came'
-        remedy = trial.failure or 'check that the sensor is powered and is this kind of sensor'
+    if len(check.frames) < 4:
+        what = f'{len(check.frames)} frames came'
+        remedy = check.failure or 'check that the sensor is powered and is this kind of sensor'
         return [Finding('frames', BAD, what, remedy), *troubles]
-    broken = [Finding('connection', BAD, 'fell silent', trial.failure)] if trial.failure else []
-    return [*broken, *_pace(trial), _noise(trial), _temperature(trial), *_marks(trial), *troubles]
+    broken = [Finding('connection', BAD, 'fell silent', check.failure)] if check.failure else []
+    return [*broken, *_pace(check), _noise(check), _temperature(check), *_marks(check), *troubles]
 
 
-def _judged(where: str, what: str, wrong: bool, remedy: str) -> Finding:
-    return Finding(where, WARN, what, remedy) if wrong else Finding(where, OK, what)
-
-
-def _pace(trial: Trial) -> list[Finding]:
+def _pace(check: DeviceCheck) -> list[Finding]:
     """Rate and jitter, from the stamps."""
-    gaps = np.diff([frame.stamp_ns or 0 for frame in trial.frames]) * 1e-9
-    rate, jitter, nominal = 1.0 / gaps.mean(), float(gaps.std()), trial.layout.rate_hz
+    gaps = np.diff([frame.stamp_ns or 0 for frame in check.frames]) * 1e-9
+    rate, jitter, nominal = 1.0 / gaps.mean(), float(gaps.std()), check.layout.rate_hz
     return [
-        _judged(
+        judged(
             'rate', f'{rate:.4g} Hz, nominal {nominal:g} Hz', rate < SLOW * nominal,
             'set rate_hz to what the sensor does, or find what holds it up (latency timer, bus)',
         ),
-        _judged(
+        judged(
             'jitter', f'{1e3 * jitter:.3g} ms', jitter * nominal > IRREGULAR,
             'close what else uses the processor, lower the latency timer of the port',
         ),
     ]  # fmt: skip
 
 
-def noise_of(trial: Trial) -> Array:
+def noise_of(check: DeviceCheck) -> Array:
     """Noise of every taxel and channel, shape (t, c) (unit of values), whatever moves slowly."""
-    values = np.array([frame.values for frame in trial.frames])
+    values = np.array([frame.values for frame in check.frames])
     noise: Array = TO_SIGMA * np.nanmedian(np.abs(np.diff(values, 2, axis=0)), axis=0)
     return noise
 
 
-def _noise(trial: Trial) -> Finding:
+def _noise(check: DeviceCheck) -> Finding:
     """Noise of the taxels, and those that differ from the others."""
     with np.errstate(all='ignore'):
-        noise = noise_of(trial)
-    unit = trial.layout.unit if trial.layout.unit != '1' else 'of full scale'
+        noise = noise_of(check)
+    unit = check.layout.unit if check.layout.unit != '1' else 'of full scale'
     usual = np.nanmedian(noise, axis=0)
-    each = ', '.join(f'{c} {x:.2g}' for c, x in zip(trial.layout.channels, usual, strict=True))
+    each = ', '.join(f'{c} {x:.2g}' for c, x in zip(check.layout.channels, usual, strict=True))
     what = f'{each} {unit} (standard deviation, median of the taxels)'
     # smallest change of any reading, that of the converter where it is coarse
-    steps = np.abs(np.diff([frame.values for frame in trial.frames], axis=0))
+    steps = np.abs(np.diff([frame.values for frame in check.frames], axis=0))
     step = float(np.min(steps, where=steps > 0, initial=np.inf))
     odd = np.flatnonzero((noise > NOISY * np.maximum(usual, step)).any(axis=1)).tolist()
     if odd:
@@ -490,20 +476,20 @@ def _noise(trial: Trial) -> Finding:
     # readings of a coarse converter may stand still at rest
     silent = np.flatnonzero((noise == 0).all(axis=1)).tolist() if (usual > 2 * step).any() else []
     remedy = f'check taxels {silent}: their readings never change'
-    return _judged('noise', what, bool(silent), remedy)
+    return judged('noise', what, bool(silent), remedy)
 
 
-def _temperature(trial: Trial) -> Finding:
-    celsius = trial.frames[-1].temperature_c
+def _temperature(check: DeviceCheck) -> Finding:
+    celsius = check.frames[-1].temperature_c
     if celsius is None or not np.isfinite(celsius).any():
         return Finding('temperature', NOTE, 'not measured')
     return Finding('temperature', OK, f'{np.nanmin(celsius):.1f} to {np.nanmax(celsius):.1f} C')
 
 
-def _marks(trial: Trial) -> list[Finding]:
+def _marks(check: DeviceCheck) -> list[Finding]:
     """Taxels that were marked."""
-    blank = np.zeros(trial.layout.shape[0], np.uint8)
-    bits = np.array([blank if f.status is None else f.status for f in trial.frames])
+    blank = np.zeros(check.layout.shape[0], np.uint8)
+    bits = np.array([blank if f.status is None else f.status for f in check.frames])
     found = []
     for bit, remedy in MARKS.items():
         share = (bits & int(bit) > 0).mean(axis=0)

@@ -14,21 +14,17 @@ example:
 
 from __future__ import annotations
 
+import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from tactile_ros.cli.console import find, refuse_unwritable, working
+from tactile_ros.cli.console import find, note, refuse_unwritable, working
 from tactile_ros.enrolment import Allowed, learn, recording_of, window_of
 from tactile_ros.errors import RecordingError, TactileError
 from tactile_ros.evaluation.fleet import open_calibration
 from tactile_ros.evaluation.replay import presses_in
+from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
-
-if TYPE_CHECKING:
-    import argparse
-
-    from tactile_ros.pipeline import Pipeline
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -78,8 +74,7 @@ def _learned(options: argparse.Namespace, pipeline: Pipeline) -> str:
     window_of(pipeline)
     spec = load_sensor(pipeline.sensor)
     found, problems = find(options.recording, spec, pipeline.layout)
-    for problem in problems:
-        print(f'  {options.recording}: {problem}', file=sys.stderr)
+    note(f'{options.recording}: {problem}' for problem in problems)
     if len(found) != 1:
         names = ', '.join(one.name for one in found)
         raise RecordingError(f'{options.recording} must hold one sensor; it holds {names}')
@@ -105,8 +100,8 @@ def _live(options: argparse.Namespace) -> int:
             with working('looking for a node that learns'):
                 client.wait_for_enrol()
             print(f'press, hold a moment, release: {presses} times', file=sys.stderr)
-            lesson = EnrolRequest(options.label, presses, options.timeout, options.replace)
-            learned = client.enrol(lesson, lambda _, told: print(told, file=sys.stderr))
+            asked = EnrolRequest(options.label, presses, options.timeout, options.replace)
+            learned = client.enrol(asked, lambda _, heard: print(heard, file=sys.stderr))
             done, said = learned.success, learned.message
     if not done:
         raise TactileError(said)

@@ -19,20 +19,17 @@ example:
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from argparse import ArgumentTypeError
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from tactile_ros.cli.console import show, working
+from tactile_ros.cli.console import note, show, working
 from tactile_ros.errors import plain
 from tactile_ros.evaluation.export import CsvFile, ParquetFile, write_tables
 from tactile_ros.evaluation.fleet import open_calibration
 from tactile_ros.evaluation.lerobot import write_dataset
-
-if TYPE_CHECKING:
-    import argparse
 
 FASTEST = 10_000  # frames a second
 TABLES = ('bag', 'sensor', 'frames', 'contacts', 'forces')
@@ -80,10 +77,7 @@ def run(options: argparse.Namespace) -> int:
             done = write_tables(bags, target, form, pipelines)
     seconds, size = time.perf_counter() - begun, done.read_bytes / 1e6
     show(FEATURES if options.lerobot else TABLES, done.rows, as_json=options.json)
-    for sentence in done.notes:
-        print(plain(f'  {sentence}'), file=sys.stderr)
-    for sentence in done.left_out:
-        print(plain(f'  left out: {sentence}'), file=sys.stderr)
+    note([*done.notes, *(f'left out: {sentence}' for sentence in done.left_out)])
     speed = f'{size:.3g} MB in {seconds:.2g} s, {size / seconds:.0f} MB/s'
     print(plain(f'folder: {target}, {speed}'), file=sys.stderr)
     return int(bool(done.left_out))

@@ -326,9 +326,7 @@ class Judge:
         assert self.found is not None
         return self.found
 
-    def _work(
-        self, presses: Sequence[tuple[int, Recording]], targets: Sequence[Target]
-    ) -> None:
+    def _work(self, presses: Sequence[tuple[int, Recording]], targets: Sequence[Target]) -> None:
         self.found, self.of = held_out(self._make, presses, targets), len(presses)
 
 

@@ -8,16 +8,11 @@ example:
 
 from __future__ import annotations
 
+import argparse
 import textwrap
-from typing import TYPE_CHECKING
 
 from tactile_ros.cli.console import show, working
-from tactile_ros.sensors import list_sensors, load_sensor
-
-if TYPE_CHECKING:
-    import argparse
-
-    from tactile_ros.sensors import SensorSpec
+from tactile_ros.sensors import SensorSpec, list_sensors, load_sensor
 
 COLUMNS = ('sensor', 'paper', 'what', 'transports', 'connect', 'estimators')
 
@@ -30,14 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Print a paragraph, or an object, for every sensor."""
     with working('reading the sensors'):
-        specs = [load_sensor(key) for key in list_sensors()]
-    rows = [
-        (
-            s.key, s.paper, s.summary, '; '.join(s.transports), how_to_connect(s),
-            ', '.join(s.estimator_names),
-        )
-        for s in specs
-    ]  # fmt: skip
+        rows = [_row(load_sensor(key)) for key in list_sensors()]
     if options.json:
         show(COLUMNS, rows, as_json=True)
         return 0
@@ -49,12 +37,15 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def how_to_connect(spec: SensorSpec) -> str:
-    """Default place of a sensor, and the page that says more."""
+def _row(spec: SensorSpec) -> tuple[str, ...]:
+    """A sensor in the order of the columns."""
     connection = spec.connection()
     buses = getattr(connection, 'buses', ())
     ways = [f'buses {", ".join(buses)}'] if buses else []
     if hasattr(connection, 'port'):
         baud = getattr(connection, 'baud', '')
         ways.append(f'port {connection.port}' + (f' at {baud} baud' if baud else ''))
-    return f'{" or ".join(ways)}; docs/{spec.key}.md'
+    return (
+        spec.key, spec.paper, spec.summary, '; '.join(spec.transports),
+        f'{" or ".join(ways)}; docs/{spec.key}.md', ', '.join(spec.estimator_names),
+    )  # fmt: skip

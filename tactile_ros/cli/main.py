@@ -60,7 +60,7 @@ class Parser(argparse.ArgumentParser):
     """Arguments of a command, whose refusals guess at what was meant."""
 
     def error(self, message: str) -> NoReturn:
-        """Refuse; see `argparse`."""
+        """Refuse."""
         super().error(with_guess(message, [*self._option_string_actions]))
 
 
@@ -71,8 +71,7 @@ def with_guess(said: str, options: list[str] | None = None) -> str:
         return said
     could = re.findall(r'[\w-]+', right[1]) if right else options or []
     close = get_close_matches(wrong[1] or wrong[2], could, 1)
-    guessed = close and close[0] not in wrong.groups()
-    return f'{said}; did you mean {close[0]}?' if guessed else said
+    return said if not close or close[0] in wrong.groups() else f'{said}; did you mean {close[0]}?'
 
 
 def parser(only: str | None = None) -> argparse.ArgumentParser:
@@ -108,19 +107,15 @@ def complete(top: argparse.ArgumentParser) -> None:
         from tactile_ros.sensors import list_sensors
 
         for own in top._subparsers._group_actions[0].choices.values():  # type: ignore[union-attr]
-            for action in own._actions:
-                if action.dest == 'sensor':
-                    action.completer = lambda **_: list_sensors()
+            for action in (one for one in own._actions if one.dest == 'sensor'):
+                action.completer = lambda **_: list_sensors()
         autocomplete(top)
 
 
 def settings() -> dict[str, str]:
     """Sensor, port and calibration that a file in the working folder sets.
 
-    Raises
-    ------
-    ValueError
-        If it sets anything else, or is no plain TOML.
+    Raises ValueError if it sets anything else, or is no plain TOML.
     """
     if not SETTINGS.is_file():
         return {}
@@ -134,13 +129,20 @@ def settings() -> dict[str, str]:
             found = tomllib.loads(file.read(MOST_SETTINGS).decode())
     except (ValueError, RecursionError) as error:
         raise ValueError(f'{SETTINGS} must be plain TOML: {error}') from error
-    known = tuple(SETTABLE['run'])
+    known = SETTABLE['run']
     for name, value in found.items():
         if name not in known or not (isinstance(value, str) and value):
-            told = repr(name) if isinstance(value, dict | list) else f'{name!r} = {value!r}'
-            msg = f'{SETTINGS} must set texts, one of {", ".join(known)}; received {told[:80]}'
+            given = repr(name) if isinstance(value, dict | list) else f'{name!r} = {value!r}'
+            msg = f'{SETTINGS} must set texts, one of {", ".join(known)}; received {given[:80]}'
             raise ValueError(msg)
     return found
+
+
+def refuse_missing_sensors() -> None:
+    """Raise ValueError where TACTILE_SENSORS names a folder of sensors that is not there."""
+    for folder in filter(None, os.environ.get('TACTILE_SENSORS', '').split(os.pathsep)):
+        if not Path(folder).is_dir():
+            raise ValueError(f'TACTILE_SENSORS must name folders of sensors; {folder} is none')
 
 
 def with_settings(given: list[str]) -> list[str]:
@@ -187,13 +189,7 @@ def sentence(error: Exception) -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command.
-
-    Returns
-    -------
-    int
-        0 done, 1 failed, 2 wrong use, 130 interrupted, 141 nobody reads what it prints.
-    """
+    """Run one command: 0 done, 1 failed, 2 wrong use, 130 interrupted, 141 nobody reads."""
     if sys.stdout is None:
         print('tactile: standard output is closed', file=sys.stderr)
         return FAILED
@@ -210,18 +206,17 @@ def main(arguments: list[str] | None = None) -> int:
         with ExitStack() as held:
             if options.quiet:
                 held.enter_context(redirect_stderr(held.enter_context(Path(os.devnull).open('w'))))
+            if options.command != 'new':  # which makes the first one
+                refuse_missing_sensors()
             code = int(options.run(options) or 0)
         sys.stdout.flush()
     except BrokenPipeError:
         # or Python tries again at its end, and complains
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return UNHEARD
-    except (TactileError, OSError) as error:
+    except (TactileError, OSError, ValueError) as error:
         print(f'tactile {options.command}: {sentence(error)}', file=sys.stderr)
-        return FAILED
-    except ValueError as error:
-        print(f'tactile {options.command}: {sentence(error)}', file=sys.stderr)
-        return WRONG_USE
+        return FAILED if isinstance(error, (TactileError, OSError)) else WRONG_USE
     except KeyboardInterrupt:
         print('tactile: interrupted', file=sys.stderr)
         return INTERRUPTED

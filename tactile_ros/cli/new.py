@@ -53,113 +53,7 @@ class ${name}Connection(FramedConnection):
         """Share of the range for each count."""
         return 1 / FULL_COUNT
 '''
-SENSOR = Template('''\
-"""$key: $rows x $columns taxels behind a microcontroller.
-
-Change the geometry to yours. `reading` is a guess, for the simulated board and for trials; the
-truth is in a calibration from recordings of the real one.
-"""
-
-from __future__ import annotations
-
-from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING
-
-import numpy as np
-
-from tactile_ros.devices.connections import $kind
-from tactile_ros.enrolment import Programme, growing_loads, recorded
-from tactile_ros.sensors.registry import SensorSpec
-from tactile_ros.sensors.regression import CLASSES, ESTIMATORS, Regression
-from tactile_ros.types import Array, Layout
-from tactile_ros.types import config_fields as fields
-
-if TYPE_CHECKING:
-    from tactile_ros.enrolment import Touches
-    from tactile_ros.types import Recording
-
-ROWS, COLUMNS = $rows, $columns
-PITCH = 5e-3  # from the middle of a taxel to the next (m)
-FULL_COUNT = 1023  # the largest count of the board's converter
-NOISE = 1e-3  # of a simulated reading, share of the range
-PRESSES = 40  # that are simulated
-
-
-def places() -> Array:
-    """Middles of the taxels, shape (t, 3) (m): row by row, x along a row."""
-    row, column = np.divmod(np.arange(ROWS * COLUMNS), COLUMNS)
-    x, y = column - (COLUMNS - 1) / 2, row - (ROWS - 1) / 2
-    return PITCH * np.column_stack([x, y, np.zeros(ROWS * COLUMNS)])
-
-
-@dataclass(frozen=True)
-class ${name}Config:
-    """Geometry and ranges; each field is a parameter of the node."""
-
-    positions: Array = fields.array(places(), 'middles of the taxels', 'm', (-1, 3))
-    rotations: Array | None = fields.maybe_array('axes; empty: aligned', '1', ('t', 3, 3))
-    saturation: float | Array | None = fields.each_channel((1.0,), 'largest reading', '1')
-    noise: float | Array | None = fields.each_channel(None, 'empty: estimated from rest', '1')
-    rate_hz: float = fields.number(50.0, 'frames per second', 'Hz', 0.1, 2000)
-    track_baseline: bool = fields.switch(True, 'follow slow drift while nothing touches')
-    half_force: float = fields.number(5.0, 'force on a taxel that reads one half', 'N', 1e-3)
-
-    def __post_init__(self) -> None:
-        """Check values once, at the door."""
-        fields.admit(self, channels=1)
-
-
-def layout(config: ${name}Config) -> Layout:
-    """Layout of taxels of one channel."""
-    return Layout.of(config, '$key', ('pressure',), '1')
-
-
-def reading(config: ${name}Config, touches: Touches) -> Array:
-    """Readings (s, t, 1), shares of the range: taxels share the force by their distance."""
-    away = config.positions - np.nan_to_num(touches.position)[:, None]
-    share = np.exp(-0.5 * np.square(away / PITCH).sum(axis=2))
-    force = share * touches.force[:, 2:]
-    return (force / (force + config.half_force))[..., None]
-
-
-def presses(
-    config: ${name}Config, seed: int = 0, count: int = PRESSES, noise: float | None = None
-) -> Recording:
-    """Readings of simulated presses, with place and normal force as truth."""
-    rng = np.random.default_rng(seed)
-    low, high = config.positions.min(axis=0), config.positions.max(axis=0)
-    loads = growing_loads(count, 1.0, 10.0, rng)[:, None]
-    unseen = np.array([np.nan, np.nan, 0.0])
-    return recorded(
-        layout(config),
-        Programme(rng.uniform(low, high, (count, 3)), loads * np.array([0.0, 0.0, 1.0])),
-        lambda touches: reading(config, touches),
-        lambda touches: {'position': touches.position, 'force': touches.force + unseen},
-        NOISE if noise is None else noise,
-        seed,
-        (0.0, 1.0),
-    )
-
-
-$connection
-
-SENSOR = SensorSpec(
-    key='$key',
-    paper='none',
-    summary='$rows x $columns taxels of our own',
-    transports=('$transport',),
-    config=${name}Config,
-    connection=${name}Connection,
-    layout=layout,
-    estimation=partial(Regression, channels=1),
-    estimator_names=ESTIMATORS,
-    noise=NOISE,
-    presses=presses,
-    classes=(${name}Config, *CLASSES),
-    recordings=dict,
-)
-''')
+SENSOR = Template(Path(__file__).with_name('new_sensor.txt').read_text('utf-8'))
 
 
 def shape(text: str) -> tuple[int, int]:
@@ -201,13 +95,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def refuse_key(key: str) -> None:
-    """Refuse what cannot be the key of a new sensor.
-
-    Raises
-    ------
-    ValueError
-        If it is no name in small letters, or one that is taken.
-    """
+    """Raise ValueError if a key is no name in small letters, or one that is taken."""
     if not KEY.fullmatch(key) or keyword.iskeyword(key) or len(key) > LONGEST_KEY:
         msg = f'KEY must be a name such as my_pad, at most {LONGEST_KEY} letters and digits'
         raise ValueError(f'{msg}; received {key!r}')

@@ -11,9 +11,9 @@ example:
 
 from __future__ import annotations
 
+import argparse
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from tactile_ros.cli import interruptible
 from tactile_ros.cli.console import refuse_unwritable
@@ -21,9 +21,6 @@ from tactile_ros.errors import RecordingError, TactileError, plain
 from tactile_ros.evaluation.recording_files import load
 from tactile_ros.nodes.graph import Graph, Process
 from tactile_ros.nodes.processes import Running
-
-if TYPE_CHECKING:
-    import argparse
 
 START_S = 20.0
 FIRST_FRAME_S = 60.0
@@ -52,27 +49,20 @@ def run(options: argparse.Namespace) -> int:
             print('stopping')
             if not (options.output / 'metadata.yaml').exists():  # not begun yet
                 raise
-        code = running.stop()['record']
-    if code:
-        msg = f'{options.output} is no whole bag: the recorder ended with code {code}'
-        raise TactileError(msg)
+        if code := running.stop()['record']:
+            msg = f'{options.output} is no whole bag: the recorder ended with code {code}'
+            raise TactileError(msg)
     refuse_empty(options.output, options.namespace)
     print(f'bag: {options.output}')
     return 0
 
 
 def refuse_empty(bag: Path, namespace: str) -> None:
-    """Say where nothing came.
-
-    Raises
-    ------
-    TactileError
-        If the bag holds no message.
-    """
+    """Raise TactileError, which says where nothing came, if the bag holds no message."""
     import yaml
 
-    told = yaml.safe_load((bag / 'metadata.yaml').read_text())
-    if not told['rosbag2_bagfile_information']['message_count']:
+    about = yaml.safe_load((bag / 'metadata.yaml').read_text())
+    if not about['rosbag2_bagfile_information']['message_count']:
         msg = (
             f'{bag} is empty, nothing was heard in /{namespace}: are sensor_node and contact_node '
             'running there, with the same ROS_DOMAIN_ID?'
@@ -83,10 +73,7 @@ def refuse_empty(bag: Path, namespace: str) -> None:
 def wait(running: Running, bag: Path, seconds: float | None) -> None:
     """Wait for so many seconds of recording, or for the recorder to end.
 
-    Raises
-    ------
-    TactileError
-        If no recording begins.
+    Raises TactileError if no recording begins.
     """
     end = time.monotonic() + START_S
     while not bag.exists() and running.is_alive('record'):
@@ -101,10 +88,7 @@ def wait(running: Running, bag: Path, seconds: float | None) -> None:
 def wait_for_frames(running: Running, bag: Path) -> None:
     """Wait until frames are in a bag: nodes take seconds to start and to find one another.
 
-    Raises
-    ------
-    TactileError
-        If none comes.
+    Raises TactileError if none comes.
     """
     end = time.monotonic() + FIRST_FRAME_S
     while all(running.is_alive(process.executable) for process in running.graph.processes):

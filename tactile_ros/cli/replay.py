@@ -19,12 +19,12 @@ from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from tactile_ros.cli import calibrate
 from tactile_ros.cli.console import (
     Progress,
     add_overwrite,
+    note,
     refuse_no_pictures,
     refuse_unwritable,
     show,
@@ -32,7 +32,7 @@ from tactile_ros.cli.console import (
 )
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import fleet
-from tactile_ros.evaluation.fleet import Job, open_calibration
+from tactile_ros.evaluation.fleet import Job, Outcome, open_calibration
 from tactile_ros.evaluation.report import (
     PAGE_MARK,
     Dataset,
@@ -40,14 +40,11 @@ from tactile_ros.evaluation.report import (
     environment,
     for_drawing,
     provenance,
-    table,
+    write_pictures,
+    write_report,
 )
 from tactile_ros.evaluation.truth import DEFAULT_TRUTH
-
-if TYPE_CHECKING:
-    from tactile_ros.evaluation.fleet import Outcome
-    from tactile_ros.evaluation.recording_files import LoadedRecording
-    from tactile_ros.pipeline import Pipeline
+from tactile_ros.pipeline import Pipeline
 
 MOST_S = 86_400  # of a time beside recordings
 
@@ -101,55 +98,41 @@ def run(options: argparse.Namespace) -> int:
     if options.png:
         refuse_no_pictures(options.png)
     command = shlex.join(['tactile', 'replay', *map(str, sys.argv[2:])])
-    recordings = list(dict.fromkeys(options.recordings))
-    alone = working('replaying') if len(recordings) == 1 else nullcontext()
-    with alone, Progress(len(recordings)) as progress:
+    calibrations = tuple(map(str, options.calibration))
+    times = (None if s is None else round(s * 1e9) for s in (options.tolerance, options.delay))
+    job = Job('', calibrations, tuple(options.truth) or DEFAULT_TRUTH, *times)
+    jobs = [replace(job, recording=name) for name in dict.fromkeys(options.recordings)]
+    alone = working('replaying') if len(jobs) == 1 else nullcontext()
+    with alone, Progress(len(jobs)) as progress:
         outcomes = fleet.run_jobs(
-            [_job(name, options) for name in recordings],
-            options.jobs,
-            options.scheduler,
+            jobs, options.jobs, options.scheduler,
             lambda outcome: progress.step(outcome.job.recording, outcome.failure),
-        )
+        )  # fmt: skip
     failed = [outcome.failure for outcome in outcomes if outcome.failure]
     if len(failed) == len(outcomes):
         raise RecordingError('; '.join(failed))
-    print_outcomes(outcomes, as_json=options.json)
+    notes = [text for outcome in outcomes for one in outcome.results for text in sentences_of(one)]
+    show(*fleet.table(outcomes), as_json=options.json, notes=notes)
     if options.save:
         files = fleet.save(options.save, outcomes, command, environment())
         print(f'saved: {files[0]}, {files[1]}', file=sys.stderr)
     if options.report or options.png:
         _report(options, pipelines, outcomes, command)
-    for sentence in failed:
-        print(f'  left out: {sentence}', file=sys.stderr)
+    note(f'left out: {sentence}' for sentence in failed)
     return 1 if failed else 0
 
 
-def _job(name: str, options: argparse.Namespace) -> Job:
-    """One recording as the options want it judged."""
-    return Job(
-        name,
-        tuple(str(path) for path in options.calibration),
-        tuple(options.truth) or DEFAULT_TRUTH,
-        None if options.tolerance is None else round(options.tolerance * 1e9),
-        None if options.delay is None else round(options.delay * 1e9),
-    )
-
-
-def print_outcomes(outcomes: list[Outcome], *, as_json: bool) -> None:
-    """Print the table of all recordings, and what must be known about each."""
-    columns, rows = fleet.table(outcomes)
-    said = sys.stderr if as_json else sys.stdout
-    show(columns, rows, as_json=as_json)
-    for one in (one for outcome in outcomes for one in outcome.results):
-        sentences = [f'{topic}: {how}' for topic, how in one.association.items()]
-        for found in one.answers:
-            if found.agreement is not None:
-                which = f'{found.calibration}: ' if len(one.answers) > 1 else ''
-                worst = found.agreement.largest
-                sentences.append(f'{which}replay and live contacts differ by at most {worst:.1g}')
-            sentences += found.problems
-        for sentence in dict.fromkeys([*sentences, *one.problems]):
-            print(f'  {one.source or one.name}: {sentence}', file=said)
+def sentences_of(one: Dataset) -> list[str]:
+    """Sentences on a recording that must be known beside its row of the table."""
+    sentences = [f'{topic}: {how}' for topic, how in one.association.items()]
+    for found in one.answers:
+        if found.agreement is not None:
+            which = f'{found.calibration}: ' if len(one.answers) > 1 else ''
+            worst = found.agreement.largest
+            sentences.append(f'{which}replay and live contacts differ by at most {worst:.1g}')
+        sentences += found.problems
+    unique = dict.fromkeys([*sentences, *one.problems])
+    return [f'{one.source or one.name}: {sentence}' for sentence in unique]
 
 
 def _report(
@@ -159,8 +142,6 @@ def _report(
     command: str,
 ) -> None:
     """Write the report and its pictures, as far as they are asked for."""
-    from tactile_ros.evaluation.report import write_pictures, write_report
-
     datasets = [for_drawing(one) for outcome in outcomes for one in outcome.results]
     failed = [f'Left out: {outcome.failure}' for outcome in outcomes if outcome.failure]
     notes = dict.fromkeys(said for p in pipelines for said in calibrate.sentences(p.report))
@@ -173,27 +154,3 @@ def _report(
     if options.png:
         for picture in write_pictures(options.png, result):
             print(f'picture: {picture}', file=sys.stderr, flush=True)
-
-
-def evaluate(
-    loaded: LoadedRecording, pipelines: list[Pipeline], summary: str = '', name: str = ''
-) -> Dataset:
-    """Answers of every pipeline of the recording's shape, the first one's agreement with live."""
-    found = fleet.evaluate(loaded, {str(i): one for i, one in enumerate(pipelines)})
-    first = found.answers[0]
-    return replace(
-        found,
-        name=name or loaded.name,
-        summary=summary,
-        agreement=first.agreement,
-        problems=(*found.problems, *first.problems),
-    )
-
-
-def print_result(result: Result, *, as_json: bool = False) -> None:
-    """Print the summary table, and how far replay and live run agree."""
-    columns, rows = table(result)
-    said = sys.stderr if as_json else sys.stdout
-    show(columns, rows, as_json=as_json)
-    for sentence in result.sentences:
-        print(f'  {sentence}', file=said)

@@ -21,7 +21,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactile_ros.cli import bench
-from tactile_ros.cli.console import add_overwrite, refuse_no_pictures, refuse_unwritable, show
+from tactile_ros.cli.console import (
+    add_overwrite,
+    note,
+    refuse_no_pictures,
+    refuse_unwritable,
+    show,
+)
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.report import PAGE_MARK
 
@@ -62,28 +68,21 @@ def run(options: argparse.Namespace) -> int:
     command = shlex.join(['tactile', 'report', *map(str, options.results), '-o', str(output)])
     page.write_package_report(output, files, problems, command)
     if options.markdown:
-        _print_markdown(*page.markdown(files))
+        lines, missing = page.markdown(files)
+        print('\n'.join(lines))
+        note(f'not among the results: {row}' for row in missing)
     else:
         rows = [row_of(file, page.title_of(file.result.bench)) for file in files]
         show(COLUMNS, rows, as_json=options.json)
-    for problem in problems:
-        print(f'  left out: {problem}', file=sys.stderr)
+    note(f'left out: {problem}' for problem in problems)
     print(f'report: {output}', file=sys.stderr)
     if options.png:
-        drawn = False
+        picture = None
         for picture in page.write_pictures(options.png, files):
-            drawn = True
             print(f'picture: {picture}', file=sys.stderr, flush=True)
-        if not drawn:
+        if picture is None:
             print('no picture: these results have nothing to draw', file=sys.stderr)
     return int(bool(problems))
-
-
-def _print_markdown(lines: list[str], missing: list[str]) -> None:
-    """The figures that stand for the package."""
-    print('\n'.join(lines))
-    for row in missing:
-        print(f'  not among the results: {row}', file=sys.stderr)
 
 
 def row_of(file: BenchFile, title: str) -> tuple[str | int, ...]:

@@ -12,22 +12,17 @@ example:
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
-from typing import TYPE_CHECKING
 
 from tactile_ros.cli import interruptible
 from tactile_ros.devices.transport import list_ports
 from tactile_ros.errors import CalibrationError, DeviceError, TactileError, plain
 from tactile_ros.evaluation.fleet import open_calibration
-from tactile_ros.nodes.graph import HandSetup, SensorSetup, grasping, has_port, sensing
+from tactile_ros.nodes.graph import Graph, HandSetup, SensorSetup, grasping, has_port, sensing
 from tactile_ros.nodes.processes import Running
 from tactile_ros.sensors import load_sensor
-
-if TYPE_CHECKING:
-    import argparse
-
-    from tactile_ros.nodes.graph import Graph
 
 LOOK_S = 0.1
 
@@ -69,10 +64,8 @@ def run(options: argparse.Namespace) -> int:
 def graph_of(options: argparse.Namespace) -> Graph:
     """Processes that the options describe.
 
-    Raises
-    ------
-    TactileError
-        If no port, or more than one, could be meant, or a calibration cannot be read.
+    Raises TactileError if no port, or more than one, could be meant, or a calibration cannot be
+    read.
     """
     key = load_sensor(options.sensor).key
     source = 'simulated' if options.simulated else 'hardware'
@@ -92,23 +85,15 @@ def graph_of(options: argparse.Namespace) -> Graph:
         print('no --calibration: only what the nominal model gives is estimated', file=sys.stderr)
     needed = not options.simulated and has_port(key)
     port = options.port or (only_port() if needed else '')
-    place = {'port': port} if port else {}
-    return sensing(
-        SensorSetup(
-            sensor=key, source=source, calibration=options.calibration, stack=True,
-            namespace=options.namespace, **place,
-        )
+    setup = SensorSetup(
+        sensor=key, source=source, calibration=options.calibration, stack=True,
+        namespace=options.namespace, **({'port': port} if port else {}),
     )  # fmt: skip
+    return sensing(setup)
 
 
 def only_port() -> str:
-    """The serial port of this machine that a board may be at.
-
-    Raises
-    ------
-    DeviceError
-        If there is none, or more than one.
-    """
+    """The one serial port that a board may be at; DeviceError if there are none or several."""
     ports = [name for name in list_ports() if not name.startswith('/dev/ttyS')]
     if len(ports) == 1:
         return ports[0]

@@ -16,41 +16,36 @@ example:
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
 import threading
 import time
 import webbrowser
 from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.cli import interruptible
-from tactile_ros.cli.console import refuse_unwritable, working
+from tactile_ros.cli.console import note, refuse_unwritable, working
 from tactile_ros.errors import DeviceTimeout, MissingPackageError, RecordingError
 from tactile_ros.evaluation.fleet import open_calibration
-from tactile_ros.evaluation.recording_files import load
+from tactile_ros.evaluation.recording_files import LoadedRecording, load
 from tactile_ros.evaluation.replay import failure_problems
-from tactile_ros.sensors import load_sensor
-from tactile_ros.types import ContactStates
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.sensors import SensorSpec, load_sensor
+from tactile_ros.types import ContactState, ContactStates, Frame, Layout, SensorConfig
 from tactile_ros.view.page_server import PageServer
 from tactile_ros.view.viewer import Viewer
 
-if TYPE_CHECKING:
-    import argparse
-    from collections.abc import Callable, Iterator
-
-    from tactile_ros.evaluation.recording_files import LoadedRecording
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.sensors import SensorSpec
-    from tactile_ros.types import ContactState, Frame, Layout, SensorConfig
-
-    Shown = tuple[Layout, Frame, ContactState]
+Shown = tuple[Layout, Frame, ContactState]
+Show = Callable[[PageServer | Viewer], None]
 
 PORT = 8765  # where Foxglove looks by itself
 READ_S = 1.0
@@ -80,17 +75,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Open the viewer and feed it until the end or Ctrl-C."""
     check_options(options)
+    show = load_shown(options)
     with open_viewer(options) as viewer:
         try:
             with interruptible():
-                feed(viewer, options)
+                show(viewer)
         except KeyboardInterrupt:
             print('stopping', file=sys.stderr)
     return 0
 
 
 def check_options(options: argparse.Namespace) -> None:
-    """Refuse options that contradict one another before anybody is asked to connect."""
+    """Refuse options that contradict one another."""
     if options.sensor and options.recording:
         msg = f'name a recording or --sensor; received {options.recording} and {options.sensor}'
         raise ValueError(msg)
@@ -104,18 +100,37 @@ def check_options(options: argparse.Namespace) -> None:
         raise ValueError('--loop needs a --speed above 0; received 0')
     if options.mcap and options.mcap.exists():
         raise ValueError(f'{options.mcap} exists already; name a file that does not')
-    if options.recording and not Path(options.recording).exists():
-        raise RecordingError(f'{options.recording} does not exist; name a bag, .npz or .csv')
-    if options.sensor:
-        load_sensor(options.sensor)
     if options.mcap:
         refuse_unwritable(options.mcap)
-        options.mcap.parent.mkdir(parents=True, exist_ok=True)
+
+
+def load_shown(options: argparse.Namespace) -> Show:
+    """Read what was named, before anybody is asked to connect; return what shows it."""
+    if options.sensor:
+        spec = load_sensor(options.sensor)
+        calibration = open_calibration(options.calibration) if options.calibration else None
+        return partial(show_sensor, options, spec, calibration)
+    if options.recording:
+        if not Path(options.recording).exists():
+            raise RecordingError(f'{options.recording} does not exist; name a bag, .npz or .csv')
+        with working(f'reading {options.recording}'):
+            calibration = open_calibration(options.calibration) if options.calibration else None
+            layout = calibration.layout if calibration else None
+            found = load(Path(options.recording), layout).recordings
+        return partial(show_recordings, options, found, calibration)
+    try:
+        import tactile_ros.nodes.viewer_node  # noqa: F401
+    except ImportError as error:
+        msg = 'topics need ROS 2; name a recording or --sensor, or set up with make'
+        raise MissingPackageError(msg) from error
+    return partial(show_topics, options)
 
 
 def open_viewer(options: argparse.Namespace) -> PageServer | Viewer:
     """Page, server of Foxglove or file that was asked for, with a line that says where it is."""
     if options.mcap or options.foxglove:
+        if options.mcap:
+            options.mcap.parent.mkdir(parents=True, exist_ok=True)
         viewer = Viewer(None if options.mcap else options.port, options.mcap)
         address = f'connect Foxglove to {viewer.address}, layout {LAYOUT}; Ctrl-C ends'
         print(f'writing {options.mcap}' if options.mcap else address, file=sys.stderr, flush=True)
@@ -128,25 +143,16 @@ def open_viewer(options: argparse.Namespace) -> PageServer | Viewer:
     return page
 
 
-def feed(viewer: PageServer | Viewer, options: argparse.Namespace) -> None:
-    """Show whatever was asked for."""
-    if options.sensor:
-        show_sensor(viewer, options)
-    elif options.recording:
-        show_recordings(viewer, options)
-    else:
-        try:
-            from tactile_ros.nodes.viewer_node import ViewerNode, run_viewer
-        except ImportError as error:
-            msg = 'topics need ROS 2; name a recording or --sensor, or set up with make'
-            raise MissingPackageError(msg) from error
+def show_topics(options: argparse.Namespace, viewer: PageServer | Viewer) -> None:
+    """Show the topics of running nodes."""
+    from tactile_ros.nodes.viewer_node import ViewerNode, run_viewer
 
-        def begin(node: ViewerNode) -> None:
-            if isinstance(viewer, PageServer):
-                viewer.tare = node.tare
+    def begin(node: ViewerNode) -> None:
+        if isinstance(viewer, PageServer):
+            viewer.tare = node.tare
 
-        names = options.namespace or ['']
-        run_viewer(names, viewer.show, viewer.grip, options.seconds, begin)
+    names = options.namespace or ['']
+    run_viewer(names, viewer.show, viewer.grip, options.seconds, begin)
 
 
 class LivePipeline:
@@ -177,26 +183,26 @@ class LivePipeline:
             return self.pipeline.process(frame)
 
 
-def show_sensor(viewer: PageServer | Viewer, options: argparse.Namespace) -> None:
+def show_sensor(
+    options: argparse.Namespace, spec: SensorSpec, calibration: Pipeline | None,
+    viewer: PageServer | Viewer,
+) -> None:  # fmt: skip
     """Frames of a board or of a twin through the driver, and what a pipeline says of them."""
-    spec = load_sensor(options.sensor)
     config = spec.config(**({} if options.board else spec.demo))
-    pipeline, learned = spec.pipeline(config), None
-    if options.calibration:
-        pipeline = open_calibration(options.calibration)
-    elif not options.board:
+    learned = None
+    if calibration is None and not options.board:
         learned = learning(lambda: fitted(spec, config, options.seed + 1))
         if not isinstance(viewer, PageServer):  # a page shows the nominal model meanwhile
             with working(f'calibrating {spec.key} on simulated presses'):
                 learned.result()
-    live = LivePipeline(pipeline, learned)
-    end = float('inf') if options.seconds is None else time.monotonic() + options.seconds
+    live = LivePipeline(calibration or spec.pipeline(config), learned)
+    end = end_of(options)
     with ExitStack() as held:
-        connection = spec.connection(**({'port': options.board} if options.board else {}))
         if options.board:
+            connection = spec.connection(port=options.board)
             device = held.enter_context(spec.open(config, connection, time.time_ns))
         else:
-            twin = held.enter_context(spec.simulate(config, connection, None, options.seed))
+            twin = held.enter_context(spec.simulate(config, spec.connection(), None, options.seed))
             device = held.enter_context(twin.device(time.time_ns))
         if isinstance(viewer, PageServer):
             viewer.tare = live.tare
@@ -207,6 +213,11 @@ def show_sensor(viewer: PageServer | Viewer, options: argparse.Namespace) -> Non
                 continue
             state = live.process(frame)
             viewer.show('', live.pipeline.layout, frame, state)
+
+
+def end_of(options: argparse.Namespace) -> float:
+    """Monotonic time at which the view stops by itself (s)."""
+    return float('inf') if options.seconds is None else time.monotonic() + options.seconds
 
 
 def learning(fit: Callable[[], Pipeline]) -> Future[Pipeline]:
@@ -230,16 +241,15 @@ def fitted(spec: SensorSpec, config: SensorConfig, seed: int) -> Pipeline:
     return spec.pipeline(config).fit(train.select(slice(None, None, every)))
 
 
-def show_recordings(viewer: PageServer | Viewer, options: argparse.Namespace) -> None:
+def show_recordings(
+    options: argparse.Namespace, found: Sequence[LoadedRecording], calibration: Pipeline | None,
+    viewer: PageServer | Viewer,
+) -> None:  # fmt: skip
     """Play every recording of a path, for ever where it loops."""
-    with working(f'reading {options.recording}'):
-        calibration = open_calibration(options.calibration) if options.calibration else None
-        layout = calibration.layout if calibration else None
-        found = load(Path(options.recording), layout).recordings
     page = viewer if isinstance(viewer, PageServer) else None
     if page and options.loop:
         page.wait_for_page(options.seconds)
-    end = float('inf') if options.seconds is None else time.monotonic() + options.seconds
+    end = end_of(options)
     while True:
         for one in found:
             name = one.name if len(found) > 1 else ''
@@ -256,17 +266,16 @@ def played(loaded: LoadedRecording, pipeline: Pipeline | None) -> Iterator[Shown
     """Frames of a recording with what was said live, or what a calibration says of them."""
     recording = loaded.recording
     count, taxels = len(recording), len(recording.layout.positions)
+    rows = np.arange(count)
     if pipeline is not None:
         with working(f'estimating {count} frames'):
             failures = pipeline.failures
             states = pipeline.process_batch(recording)
-        for sentence in failure_problems(pipeline, failures):
-            print(f'  {loaded.name}: {sentence}', file=sys.stderr)
-        rows = np.arange(count)
+        note(f'{loaded.name}: {said}' for said in failure_problems(pipeline, failures))
     elif loaded.contacts is not None:
         states, rows = loaded.contacts.states, loaded.contacts.rows
     else:
-        states, rows = ContactStates.assemble(count, taxels, {}), np.arange(count)
+        states = ContactStates.assemble(count, taxels, {})
     for n, row in enumerate(rows.tolist()):
         yield recording.layout, recording.frame(row), states[n]
 

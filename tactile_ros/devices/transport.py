@@ -64,7 +64,7 @@ def _bus_choice() -> str:
 
 def _refusal(what: str, group: str, choice: str, err: OSError) -> DeviceError:
     """Error of a port or bus that could not be opened: why, and what to do."""
-    why = f'cannot be opened ({err})'
+    why = f'cannot be opened ({os.strerror(err.errno) if err.errno else err})'
     if err.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         why = 'does not exist'
     elif err.errno in (errno.EAGAIN, errno.EBUSY):
@@ -114,7 +114,7 @@ class SerialPort:
         except (OSError, ValueError, termios.error) as err:  # also of a port that goes meanwhile
             if device is not None:
                 device.close()
-            failure = err if isinstance(err, OSError) else OSError(str(err))
+            failure = err if isinstance(err, OSError) else OSError(*err.args)
             name = f'port {self.port}'
             raise _refusal(name, 'dialout', _port_choice(), failure) from err
         self._serial, self._poll, self._due_s = device, select.poll(), 0.0

@@ -354,7 +354,8 @@ def load_hand(name: str) -> HandDescription:
             raise ValueError(msg)  # noqa: TRY301
         content = read_yaml(path.read_text('utf-8'))
     except (OSError, ValueError) as err:
-        msg = f'{path} cannot be read: {" ".join(str(err).split())[:200]}'
+        why = (isinstance(err, OSError) and err.strerror) or ' '.join(str(err).split())[:200]
+        msg = f'{path} cannot be read: {why}'
         raise ValueError(msg) from err
     try:
         return parse(path.stem, content)

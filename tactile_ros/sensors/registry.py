@@ -188,7 +188,7 @@ def load_sensor(key: str) -> SensorSpec:
         raise ValueError(msg)
     try:
         spec = getattr(importlib.import_module(f'tactile_ros.sensors.{key}'), 'SENSOR', None)
-    except Exception as err:
+    except (Exception, SystemExit) as err:  # a file of the user's may do anything
         msg = f'sensor {key} cannot be loaded ({type(err).__name__}: {err})'
         raise TactileError(msg) from err
     if not isinstance(spec, SensorSpec):

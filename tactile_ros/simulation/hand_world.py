@@ -10,16 +10,19 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from importlib import import_module
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from tactile_ros.errors import MissingPackageError
 from tactile_ros.hands.drivers import JOINT_STATE, TRAJECTORY, read_command, read_joint_states
-from tactile_ros.simulation.engine import load_engine, scene_text
+from tactile_ros.simulation.mjcf import scene_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
+    from types import ModuleType
 
     from tactile_ros.control import GripStep
     from tactile_ros.simulation.mjcf import HandModel
@@ -35,55 +38,56 @@ class Decided(Protocol):
 
 
 class Stage(Protocol):
-    """The loop of grip_node without ROS (`nodes.grip_loop`)."""
+    """The loop of grip_node without ROS, as `nodes.grip_loop.GripLoop` describes it."""
+
+    def enable(self) -> None:
+        """Let commands be sent."""
+
+    def grasp(
+        self, target_force: float, fingers: Sequence[str], timeout: float, adapt: bool
+    ) -> None:
+        """Close until something is held."""
 
     def take_touch(
         self, finger: int, force: Sequence[float], valid: bool, slip: int, now_s: float
     ) -> None:
-        """Keep what a finger feels."""
-        ...
+        """Keep the force of a finger."""
 
     def take_joints(self, position: Array, now_s: float) -> None:
         """Keep measured joint positions."""
-        ...
 
     def step(self, now_s: float, stamp_ns: int) -> Decided:
         """One control step."""
         ...
 
 
-class GraspStage(Stage, Protocol):
-    """A stage that can be asked to grasp."""
-
-    def enable(self) -> None:
-        """Commands may be sent."""
-        ...
-
-    def grasp(
-        self, target_force: float, fingers: Sequence[str], timeout: float, adapt: bool
-    ) -> None:
-        """Close until something is held; a target of 0 N opens."""
-        ...
-
-
 @dataclass(frozen=True)
-class Felt:
+class PadState:
     """A pad at one instant."""
 
     # (3,) true contact force and its centre in the sensor frame (N, m); 0 and NaN untouched
     force: Array
     place: Array
-    state: ContactState  # what sensor and pipeline made of it
+    state: ContactState  # estimate of sensor and pipeline
 
 
 @dataclass(frozen=True)
 class Rig:
-    """A hand with all that feels and moves it."""
+    """A hand with its sensors and its controller."""
 
-    hand: HandModel  # the hand
+    hand: HandModel
     tips: Mapping[str, Fingertip]  # by sensor, tared; the order is that of the stage's fingers
-    stage: GraspStage  # that controls, of the same hand
+    stage: Stage  # of the same hand
     rate_hz: float  # of the controller (Hz)
+
+
+def load_engine() -> ModuleType:
+    """MuJoCo's module, or a `MissingPackageError` that says how to install it."""
+    try:
+        return import_module('mujoco')
+    except ImportError as error:
+        msg = 'simulated hands need MuJoCo: pip install mujoco'
+        raise MissingPackageError(msg) from error
 
 
 class HandWorld:
@@ -95,12 +99,22 @@ class HandWorld:
         The hand, its sensors and its controller.
     objects, rest : str
         MJCF of what is grasped, inside and beside `worldbody`.
-    place : callable or None
-        From the contact in the sensor frame, its centre and mean force, to the place on the
-        sensor's skin; None: the centre.
+    place : callable
+        From the centre of a contact in the sensor frame to the place on the sensor's skin.
     field : callable or None
-        Field (t, 3) (T) in the sensor frame of what is around: of the time (s), elements (t, 3)
-        (m) in the world, and the sensor's axes (3, 3).
+        Field (t, 3) (T) in the sensor frame of what is around: of elements (t, 3) (m) in the
+        world, and the sensor's axes (3, 3).
+
+    Attributes
+    ----------
+    pads : dict of str to PadState
+        The newest of every pad.
+    read_force : callable
+        Force (3,) (N) and whether it may be used; as the pipeline says unless a scene differs.
+    before_step : callable
+        Called before every step of physics: what happens to the object.
+    watchers : list of callable
+        Called at every control step.
     """
 
     def __init__(
@@ -108,8 +122,8 @@ class HandWorld:
         rig: Rig,
         objects: str,
         rest: str = '',
-        place: Callable[[Array, Array], Array] | None = None,
-        field: Callable[[float, Array, Array], Array] | None = None,
+        place: Callable[[Array], Array] = lambda centre: centre,
+        field: Callable[[Array, Array], Array] | None = None,
     ) -> None:
         hand, tips = rig.hand, rig.tips
         self.engine = load_engine()
@@ -117,21 +131,19 @@ class HandWorld:
         self.model = self.engine.MjModel.from_xml_string(text)
         self.data = self.engine.MjData(self.model)
         self.hand, self.tips, self.stage = hand, tips, rig.stage
-        self.rate_hz = rig.rate_hz
-        self.felt: dict[str, Felt] = {}  # newest of every pad
+        self.pads: dict[str, PadState] = {}
         self.steps = 0  # of physics since the start
-        # force (3,) (N) and whether it may be used; as the pipeline says unless a scene differs
-        self.read_force: Callable[[str, Fingertip, ContactState], tuple[Array, bool]] = (
-            lambda _, __, state: (state.force, bool(state.valid))
+        self.read_force: Callable[[Fingertip, ContactState], tuple[Array, bool]] = (
+            lambda _, state: (state.force, bool(state.valid))
         )
-        self.before_step: Callable[[], None] = lambda: None  # what happens to the object
-        self.watchers: list[Callable[[HandWorld], None]] = []  # called at every control step
+        self.before_step: Callable[[], None] = lambda: None
+        self.watchers: list[Callable[[HandWorld], None]] = []
         self._place, self._field = place, field
         self._driver = hand.description.driver
         joints = [self.model.joint(name) for name in self._driver.joints]
         self._qpos = np.array([joint.qposadr[0] for joint in joints])
         self._ctrl = np.array([self.model.actuator(name).id for name in self._driver.joints])
-        self._pads = {self.model.geom(hand.pads[name]).id: name for name in tips}
+        self._geoms = {self.model.geom(hand.pads[name]).id: name for name in tips}
         self._sites = {name: self.model.site(hand.pads[name]).id for name in tips}
         self._waiting: deque[tuple[float, Array, float]] = deque()
         self._line: tuple[float, Array, Array, float] | None = None
@@ -147,10 +159,8 @@ class HandWorld:
 
     def put(self, position: Array) -> None:
         """Place joints (j,) and their drives."""
-        self.data.qpos[self._qpos] = position
-        self.data.ctrl[self._ctrl] = position
-        for i, actuator in enumerate(self._ctrl):
-            self.data.act[self.model.actuator_actadr[actuator]] = position[i]
+        self.data.qpos[self._qpos] = self.data.ctrl[self._ctrl] = position
+        self.data.act[self.model.actuator_actadr[self._ctrl]] = position
         self.engine.mj_forward(self.model, self.data)
 
     def run(
@@ -182,7 +192,7 @@ class HandWorld:
         for i in range(self.data.ncon):
             contact = self.data.contact[i]
             for which in (0, 1):
-                name = self._pads.get(int(contact.geom[which]))
+                name = self._geoms.get(int(contact.geom[which]))
                 if name is None:
                     continue
                 self.engine.mj_contactForce(self.model, self.data, i, six)
@@ -192,10 +202,10 @@ class HandWorld:
                 weight[name] += six[0]
         found = {}
         for name, site in self._sites.items():
-            axes = self.data.site_xmat[site].reshape(3, 3)
             if weight[name] <= 0:
                 found[name] = np.zeros(3), np.full(3, np.nan)
                 continue
+            axes = self.data.site_xmat[site].reshape(3, 3)
             centre = moment[name] / weight[name] - self.data.site_xpos[site]
             found[name] = axes.T @ force[name], axes.T @ centre
         return found
@@ -203,19 +213,16 @@ class HandWorld:
     def _sense(self) -> None:
         """One frame of every pad, through bytes and pipeline, to the controller."""
         for i, (name, (force, place)) in enumerate(self.pad_forces().items()):
-            tip, touched = self.tips[name], place
-            if self._place is not None and np.any(force):
-                touched = self._place(place, force)
-            field = None
+            tip, field = self.tips[name], None
+            touched = self._place(place) if np.any(force) else place
             if self._field is not None:
-                site = self._sites[name]
-                axes = self.data.site_xmat[site].reshape(3, 3)
-                elements = self.data.site_xpos[site] + tip.skin.config.positions @ axes.T
-                field = self._field(self.time, elements, axes)
-            state = tip.feel(touched, force, field)
-            self.felt[name] = Felt(force, touched, state)
-            told, valid = self.read_force(name, tip, state)
-            self.stage.take_touch(i, told.tolist(), valid, int(state.slip), self.time)
+                axes = self.data.site_xmat[self._sites[name]].reshape(3, 3)
+                at = self.data.site_xpos[self._sites[name]]
+                field = self._field(at + tip.skin.config.positions @ axes.T, axes)
+            state = tip.estimate(touched, force, field)
+            self.pads[name] = PadState(force, touched, state)
+            estimated, valid = self.read_force(tip, state)
+            self.stage.take_touch(i, estimated.tolist(), valid, int(state.slip), self.time)
 
     def _control(self) -> Decided:
         """Joint states to the controller, and its command through the adapter's messages."""

@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Models in MJCF: what a hand says of itself, its pads and drives, and things to grasp."""
+"""Models in MJCF: hands with their pads and drives, things to grasp, their scene."""
 
 from __future__ import annotations
 
@@ -10,6 +10,18 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from tactile_ros.hands import HandDescription
+
+TIME_STEP = 1e-3  # s
+CUBE, SPHERE = 0.057, 0.06  # m: edge of a Rubik's cube, diameter of a printed sphere
+MOUSE = (0.1, 0.06, 0.038)  # m: length, width and height of a wireless mouse
+BALLOON = 0.07  # m
+# holds an object named `object` where it is, until it is switched off
+STILL = '<equality><weld body1="world" body2="object" solref="0.02 1"/></equality>'
+SOLIDS = {  # shape, lengths (m), colour
+    'cube': ('box', (CUBE,) * 3, '0.2 0.45 0.75 1'),
+    'sphere': ('sphere', (SPHERE,), '0.85 0.75 0.3 1'),
+    'mouse': ('ellipsoid', MOUSE, '0.3 0.6 0.45 1'),
+}
 
 
 @dataclass(frozen=True)
@@ -31,6 +43,32 @@ class HandModel:
     stiffness: float  # largest force over closure of a finger on a stiff object (N)
 
 
+def scene_text(bodies: str, rest: str) -> str:
+    """MJCF of a scene: a light, `bodies` inside of `worldbody`, and what moves them beside it.
+
+    Friction is Coulomb's cone (elliptic) and hardly creeps; a pad's own coefficient holds wherever
+    it touches, since pads have priority.
+    """
+    return f"""<mujoco model="grasp">
+  <compiler angle="radian" autolimits="true"/>
+  <option timestep="{TIME_STEP}" integrator="implicitfast" cone="elliptic" impratio="20"
+    noslip_iterations="3"/>
+  <visual>
+    <global offwidth="640" offheight="480"/>
+    <headlight ambient="0.45 0.45 0.45" diffuse="0.5 0.5 0.5" specular="0.1 0.1 0.1"/>
+  </visual>
+  <asset>
+    <texture type="skybox" builtin="flat" rgb1="0.93 0.94 0.96" rgb2="0.93 0.94 0.96"
+      width="8" height="8"/>
+  </asset>
+  <worldbody>
+    <light pos="0.3 -0.4 1" dir="-0.3 0.4 -1" diffuse="0.4 0.4 0.4" castshadow="false"/>
+    {bodies}
+  </worldbody>
+  {rest}
+</mujoco>"""
+
+
 def pad_friction(friction: float) -> str:
     """MJCF attributes of a soft pad: its coefficient, and what resists a turn about the normal."""
     return f'condim="4" priority="1" friction="{friction} 0.003 0.0001" solref="0.006 1"'
@@ -48,47 +86,26 @@ def servo(joint: str, gain: float, lag: float, most: float) -> str:
     )
 
 
-CUBE, SPHERE = 0.057, 0.06  # m: edge of a Rubik's cube, diameter of a printed sphere
-MOUSE = (0.1, 0.06, 0.038)  # m: length, width and height of a wireless mouse
-BALLOON = 0.07  # m
-# holds an object named `object` where it is, until it is switched off
-STILL = '<equality><weld body1="world" body2="object" solref="0.02 1"/></equality>'
-COLOURS = {'cube': '0.2 0.45 0.75 1', 'sphere': '0.85 0.75 0.3 1', 'mouse': '0.3 0.6 0.45 1'}
-
-
 def solid(
     kind: str,
     mass: float,
-    place: tuple[float, ...] = (0.0, 0.0, 0.0),
-    turn: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0),
+    place: Iterable[float] = (0.0, 0.0, 0.0),
+    turn: Iterable[float] = (1.0, 0.0, 0.0, 0.0),
 ) -> str:
     """MJCF of a stiff `object`, free to move: a 'cube', a 'sphere', or a 'mouse' on its side.
 
     It begins at `place` (m), turned by a quaternion (w, x, y, z); mass in kg.
     """
-    shapes = {
-        'cube': ('box', (CUBE,) * 3),
-        'sphere': ('sphere', (SPHERE,)),
-        'mouse': ('ellipsoid', MOUSE),
-    }
-    if kind not in shapes:
-        msg = f'kind of a solid must be one of {", ".join(shapes)}; received {kind!r}'
-        raise ValueError(msg)
-    shape, lengths = shapes[kind]
-    size = _words([0.5 * length for length in lengths])
+    shape, lengths, colour = SOLIDS[kind]
+    size = _words(0.5 * length for length in lengths)
     return f"""
     <body name="object" pos="{_words(place)}" quat="{_words(turn)}">
       <freejoint name="object"/>
-      <geom name="object" type="{shape}" size="{size}" mass="{mass}" rgba="{COLOURS[kind]}"/>
+      <geom name="object" type="{shape}" size="{size}" mass="{mass}" rgba="{colour}"/>
     </body>"""
 
 
-def balloon(
-    stiffness: float,
-    damping: float,
-    place: tuple[float, ...] = (0.0, 0.0, 0.0),
-    mass: float = 0.005,
-) -> str:
+def balloon(stiffness: float, damping: float, place: Iterable[float], mass: float = 0.005) -> str:
     """MJCF of a balloon named `object`, held at `place` (m), whose sides give way along x.
 
     Stiffness and damping are those of each side (N/m, N s/m); mass in kg.

@@ -2,16 +2,14 @@
 """Scenes of grasps: a magnet by a balloon, things in many poses, loads that grow or slip.
 
 Balloon, as in figure 10 of [3]: a soft hand holds it at a force that one gradiometer tells, while
-a magnet, 3 mT at 50 mm, comes from 100 to 14 mm; it is read by its pipeline, and as if it had
-one pixel of one axis. Grasps: a thing between thumb and fingers, then a pull. Loads: two fingers
-hold a cube by friction; its mass grows from 0.1 to 0.5 kg, or the friction of both pads is halved;
-a pad that slides has 15 % less friction than one that sticks.
+a magnet, 3 mT at 50 mm, comes from 100 to 14 mm. Grasps: a thing between thumb and fingers, then a
+pull. Loads: two fingers hold a cube by friction; its mass grows from 0.1 to 0.5 kg, or the
+friction of both pads is halved; a pad that slides has 15 % less friction than one that sticks.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import erfc, sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,17 +19,16 @@ from scipy.spatial.transform import Rotation
 from tactile_ros.control import GripPhase
 from tactile_ros.physics.magnetics import SCALE, dipole_field
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-from tactile_ros.simulation.allegro_hand import on_half_cylinder
 from tactile_ros.simulation.hand_world import HandWorld
-from tactile_ros.simulation.mjcf import CUBE, STILL, balloon, solid
-from tactile_ros.simulation.parallel_hand import OPEN
-from tactile_ros.simulation.soft_hand import REACH
+from tactile_ros.simulation.hands import OPEN, REACH, on_half_cylinder
+from tactile_ros.simulation.mjcf import CUBE, SOLIDS, STILL, balloon, solid
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from tactile_ros.simulation.hand_world import Decided, Rig
     from tactile_ros.simulation.mjcf import HandModel
-    from tactile_ros.simulation.skins import Fingertip
-    from tactile_ros.types import Array, Bools, ContactState, Frame, Recording
+    from tactile_ros.types import Array, Bools, Frame
 
 FAR, NEAR = 0.1, 0.014  # m
 FIELD, AT = 3e-3, 0.05  # T at m
@@ -40,7 +37,6 @@ FORCE = 1.0  # N
 SOFT, LOSSES = 100.0, 3.0  # of each side of a balloon (N/m, N s/m)
 FROM = np.array([0.8, 0.0, -0.6])  # of the magnet, in sensor axes: above the finger and behind it
 MOMENT = FIELD * AT**3 / (2 * SCALE)  # A m2, along its way
-DEGREES = (1, 2, 3)
 RELEASED, CRUSHED = 0.1, 3.0  # of the force that was asked for
 MAGNET = """
     <body name="magnet" mocap="true">
@@ -48,49 +44,12 @@ MAGNET = """
     </body>"""
 
 
-class SinglePixel:
-    """Force from Bz of one pixel under the disc's middle, by a polynomial: [3] compares with such.
-
-    Parameters
-    ----------
-    presses : Recording
-        Of a calibration, which begins with its tare.
-
-    Notes
-    -----
-    The sensor has no pixel there; the mean of its four is what one there would read, and the shear
-    of the disc cancels in it to first order.
-    """
-
-    def __init__(self, presses: Recording) -> None:
-        told = presses.values[:, :, 1].mean(axis=1)
-        change = told - told[presses.tare].mean()
-        self._scale = float(np.abs(change).max())
-        force = np.asarray(presses.truth['force'], np.float64)[:, 2]
-        found = np.linalg.lstsq(self._rows(change), force, rcond=None)[0]
-        self._weights = np.asarray(found, np.float64)
-        self._rest = np.nan
-
-    def _rows(self, change: Array) -> Array:
-        return np.stack([(change / self._scale) ** n for n in DEGREES], axis=-1)
-
-    def tare(self, frame: Frame) -> None:
-        """Take a resting frame."""
-        self._rest = float(frame.values[:, 1].mean())
-
-    def __call__(self, frame: Frame) -> Array:
-        """Force (3,) (N) along z; across it nothing is told."""
-        change = np.asarray(frame.values[:, 1].mean() - self._rest)
-        return np.array([0.0, 0.0, float(self._rows(change) @ self._weights)])
-
-
 @dataclass(frozen=True)
 class Held:
     """A balloon and a magnet."""
 
     distance: Array  # (s,) of the magnet from the sensor (m); decreasing
-    force: Array  # (s,) true force of the thumb, and what the reading says (N)
-    told: Array
+    force: Array  # (s,) true force of the thumb (N)
     valid: Bools  # (s,) whether the reading may be used for control
     seconds: float  # simulated (s)
 
@@ -108,12 +67,12 @@ class Held:
     @property
     def fate(self) -> str:
         """Fate of the balloon."""
-        for i, force in enumerate(self.force):
-            if force < RELEASED * FORCE:
-                return f'released at {1e3 * self.distance[i]:.0f} mm'
-            if force > CRUSHED * FORCE:
-                return f'crushed at {1e3 * self.distance[i]:.0f} mm'
-        return 'held'
+        lost = (self.force < RELEASED * FORCE) | (self.force > CRUSHED * FORCE)
+        if not lost.any():
+            return 'held'
+        first = int(np.argmax(lost))
+        how = 'released' if self.force[first] < FORCE else 'crushed'
+        return f'{how} at {1e3 * self.distance[first]:.0f} mm'
 
 
 class BalloonScene:
@@ -123,24 +82,18 @@ class BalloonScene:
     ----------
     rig : Rig
         The soft hand, with the thumb's gradiometer alone.
-    pixel : SinglePixel or None
-        Read so; None: by the pipeline.
+    read : callable or None
+        From a frame to the force (3,) (N); None: the pipeline.
     """
 
-    def __init__(self, rig: Rig, pixel: SinglePixel | None = None) -> None:
+    def __init__(self, rig: Rig, read: Callable[[Frame], Array] | None = None) -> None:
         thing = balloon(SOFT, LOSSES, (0.0, REACH, 0.0)) + MAGNET
         self.world = HandWorld(rig, thing, field=self._field)
         (self._finger,) = rig.tips
         self._begins = np.inf
-        self._rows: list[tuple[float, float, float, bool]] = []
-        self._pixel = pixel
-        if pixel is not None:
-            pixel.tare(rig.tips[self._finger].frame)
-            self.world.read_force = self._one_pixel
-
-    def _one_pixel(self, _: str, tip: Fingertip, __: ContactState) -> tuple[Array, bool]:
-        assert self._pixel is not None
-        return self._pixel(tip.frame), True
+        self._rows: list[tuple[float, float, bool]] = []
+        if read is not None:
+            self.world.read_force = lambda tip, _: (read(tip.frame), True)
 
     @property
     def distance(self) -> float:
@@ -148,10 +101,9 @@ class BalloonScene:
         share = min(max((self.world.time - self._begins) / COMES, 0.0), 1.0)
         return FAR + share * (NEAR - FAR)
 
-    def _field(self, _: float, elements: Array, axes: Array) -> Array:
+    def _field(self, elements: Array, axes: Array) -> Array:
         """Field (t, 3) (T) of the magnet in sensor axes; none before it comes."""
-        centre = elements.mean(axis=0)
-        place = centre + axes @ (self.distance * FROM)
+        place = elements.mean(axis=0) + axes @ (self.distance * FROM)
         self.world.data.mocap_pos[0] = place
         if not np.isfinite(self._begins):
             return np.zeros_like(elements)
@@ -168,16 +120,16 @@ class BalloonScene:
         self._begins = world.time
         world.run(COMES, self._watch)
         rows = np.array(self._rows, np.float64)
-        return Held(rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3] > 0, world.time)
+        return Held(rows[:, 0], rows[:, 1], rows[:, 2] > 0, world.time)
 
-    def _watch(self, world: HandWorld, decided: Decided) -> None:
+    def _watch(self, world: HandWorld, _: Decided) -> None:
         """Keep a row."""
-        felt = world.felt[self._finger]
-        told, valid = world.read_force(self._finger, world.tips[self._finger], felt.state)
-        self._rows.append((self.distance, float(felt.force[2]), float(told[2]), valid))
+        pad = world.pads[self._finger]
+        valid = world.read_force(world.tips[self._finger], pad.state)[1]
+        self._rows.append((self.distance, float(pad.force[2]), valid))
 
 
-KINDS = ('cube', 'sphere', 'mouse')
+KINDS = tuple(SOLIDS)
 MASS = 0.1  # kg
 GRAVITY = 9.81
 PULL, RISE = 2.0, 0.2  # N; s
@@ -208,30 +160,9 @@ class Grasped:
 class Touched:
     """A contact that lasts."""
 
-    place: Array  # (3,) the true one, and what the mean of 25 frames tells (m); NaN untouched
-    told: Array
-    cov: Array  # (3, 3) of the latter, as it says of itself (m2)
-
-
-@dataclass(frozen=True)
-class Named:
-    """Which cell of a pad is touched."""
-
-    true: int  # the nearest one, and the pad's answer; -1 untouched
-    told: int
-    error: float  # of the place (m)
-    chance: float  # that noise alone carries the place into another cell
-
-
-def named(touched: Touched, cells: Array) -> Named:
-    """Judge a contact by cells (n, 3) (m)."""
-    true, told = (
-        int(((cells - at) ** 2).sum(axis=1).argmin()) if np.isfinite(at).all() else -1
-        for at in (touched.place, touched.told)
-    )
-    error = float(np.linalg.norm(touched.told - touched.place))
-    known = true >= 0 and np.isfinite(touched.cov).all()
-    return Named(true, told, error, mistaken(cells, touched.place, touched.cov) if known else 1.0)
+    place: Array  # (3,) the true one, and that of the mean of 25 frames (m); NaN untouched
+    estimated: Array
+    cov: Array  # (3, 3) of the latter, as stated (m2)
 
 
 def random_pose(hand: HandModel, kind: str, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -246,43 +177,8 @@ def random_pose(hand: HandModel, kind: str, rng: np.random.Generator) -> tuple[A
     along /= np.linalg.norm(along)
     side = np.cross(along, rng.normal(size=3))
     side /= np.linalg.norm(side)
-    return place, _quaternion(np.column_stack([side, along, np.cross(side, along)]))
-
-
-def _quaternion(turn: Array) -> Array:
-    """Quaternion of a rotation matrix (3, 3)."""
-    x, y, z, w = Rotation.from_matrix(turn).as_quat()
-    return np.array([w, x, y, z])
-
-
-def mistaken(cells: Array, place: Array, cov: Array) -> float:
-    """Chance that a place with errors of a covariance is taken for another cell.
-
-    Parameters
-    ----------
-    cells : ndarray, shape (n, 3)
-        Centres (m).
-    place : ndarray, shape (3,)
-        The true one (m).
-    cov : ndarray, shape (3, 3)
-        Of the error (m2).
-
-    Returns
-    -------
-    float
-        Across the nearest border alone, as one normal error tells.
-
-    Examples
-    --------
-    >>> pair = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    >>> mistaken(pair, np.array([0.0, 0.3, 0.0]), np.eye(3))
-    0.5
-    """
-    near = cells[np.argsort(((cells - place) ** 2).sum(axis=1))[:2]]
-    across = (near[1] - near[0]) / np.linalg.norm(near[1] - near[0])
-    border = float(across @ (near.mean(axis=0) - place))
-    sigma = float(np.sqrt(across @ cov @ across))
-    return 0.5 * erfc(border / sigma / sqrt(2.0)) if sigma > 0 else float(border < 0)
+    turn = Rotation.from_matrix(np.column_stack([side, along, np.cross(side, along)]))
+    return place, np.roll(turn.as_quat(), 1)
 
 
 class GraspScene:
@@ -299,19 +195,18 @@ class GraspScene:
     """
 
     def __init__(self, rig: Rig, kind: str, seed: int) -> None:
-        self._rng = np.random.default_rng([seed, KINDS.index(kind)])
+        rng = np.random.default_rng([seed, KINDS.index(kind)])
         self._config = next(iter(rig.tips.values())).skin.config
-        place, turn = random_pose(rig.hand, kind, self._rng)
-        thing = solid(kind, MASS, tuple(place), tuple(turn))
+        thing = solid(kind, MASS, *random_pose(rig.hand, kind, rng))
         self.world = HandWorld(rig, thing, STILL, self._on_pad)
-        direction = self._rng.normal(size=3)
+        direction = rng.normal(size=3)
         self._pulls = PULL * direction / np.linalg.norm(direction)
         self._object = self.world.data.body('object').id
         self._handed_over = np.inf
         self._rows: list[list[float]] = []
         self._phases: list[GripPhase] = []
 
-    def _on_pad(self, place: Array, _: Array) -> Array:
+    def _on_pad(self, place: Array) -> Array:
         """Contact of a crowned pad on the half cylinder, if it is one."""
         if isinstance(self._config, MagnetPadConfig):
             return on_half_cylinder(place, self._config.radius, self._config.length)
@@ -329,25 +224,27 @@ class GraspScene:
         world.run(GRASP_CLOSES, self._until_hold)
         touched = bool(self._phases[-1] == GripPhase.HOLD)
         world.run(SETTLES, self._watch)
-        contacts = self._contacts()
+        contacts = [
+            Touched(pad.place, state.position, state.position_cov)
+            for name, pad in world.pads.items()
+            if (state := world.tips[name].lasting()) is not None
+        ]
         start = world.data.body('object').xpos.copy()
         self._handed_over = world.time
         world.run(PULLED)
-        away = float(np.linalg.norm(world.data.body('object').xpos - start))
+        stayed = float(np.linalg.norm(world.data.body('object').xpos - start)) < AWAY
         trace = np.array(self._rows)
-        stayed = away < AWAY
-        settling = self._settling(trace)
-        return Grasped(touched, stayed, contacts, *settling, trace, world.time)
+        return Grasped(touched, stayed, contacts, *self._settling(trace), trace, world.time)
 
     def _watch(self, world: HandWorld, decided: Decided) -> None:
         """Keep a row."""
-        forces = [float(felt.force[2]) for felt in world.felt.values()]
+        forces = [float(pad.force[2]) for pad in world.pads.values()]
         self._rows.append([world.time, *forces, *decided.made.target_force.tolist()])
         self._phases.append(decided.made.phase)
 
     def _until_engaged(self, world: HandWorld, decided: Decided) -> bool:
         """Watch until all pads press, or the hand holds what it has."""
-        pressing = all(felt.force[2] > PRESSING for felt in world.felt.values())
+        pressing = all(pad.force[2] > PRESSING for pad in world.pads.values())
         loads = decided.made.phase >= GripPhase.LOAD and pressing
         return self._until_hold(world, decided) or loads
 
@@ -365,20 +262,10 @@ class GraspScene:
         force[:3] = pulled * self._pulls
         force[2] += (1.0 - given) * MASS * GRAVITY
 
-    def _contacts(self) -> list[Touched]:
-        """Contacts of all pads, as they last."""
-        found = []
-        for name, felt in self.world.felt.items():
-            state = self.world.tips[name].lasting()
-            if state is not None:
-                found.append(Touched(felt.place, state.position, state.position_cov))
-        return found
-
     def _settling(self, trace: Array) -> tuple[float, float, float]:
         """Overshoot, steady error and settling time of the sum of all forces."""
         count = (trace.shape[1] - 1) // 2
-        phases = np.array(self._phases)
-        begins = int(np.argmax(phases >= GripPhase.LOAD))
+        begins = int(np.argmax(np.array(self._phases) >= GripPhase.LOAD))
         final = trace[-1, 1 + count :].sum()
         if not final > 0:
             return np.nan, np.nan, np.nan
@@ -445,15 +332,7 @@ class Carried:
 
 
 class LoadScene:
-    """The hand, the cube, and what happens to it.
-
-    Parameters
-    ----------
-    rig : Rig
-        With the parallel hand.
-    handling : Handling
-        What happens.
-    """
+    """The parallel hand of a rig, the cube, and what happens to it."""
 
     def __init__(self, rig: Rig, handling: Handling) -> None:
         self.handling = handling
@@ -496,9 +375,8 @@ class LoadScene:
 
     def _watch(self, world: HandWorld, decided: Decided) -> bool:
         """Keep a row; the end, where the object is lost."""
-        felt = world.felt['left'].force
+        x, y, z = world.pads['left'].force.tolist()
         fallen = -float(world.data.body('object').xpos[2])
         target = float(decided.made.target_force[0])
-        across = float(np.hypot(felt[0], felt[1]))
-        self._rows.append([world.time - self._begins, float(felt[2]), across, target, fallen])
+        self._rows.append([world.time - self._begins, z, float(np.hypot(x, y)), target, fallen])
         return fallen > LOST

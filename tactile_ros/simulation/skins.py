@@ -14,43 +14,48 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
-import numpy.typing as npt
 
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.enrolment import Programme, Touches, growing_loads, recorded, thinned
 from tactile_ros.physics.magnetics import in_chip_axes
-from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.gradiometer import twin as disc
-from tactile_ros.sensors.gradiometer.config import GradiometerConfig
 from tactile_ros.sensors.gradiometer.config import layout as disc_layout
-from tactile_ros.sensors.gradiometer.twin import GradiometerConnection
 from tactile_ros.sensors.magnet_pad import twin as pad
 from tactile_ros.sensors.magnet_pad.body_model import NOISE
-from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.sensors.magnet_pad.config import layout as pad_layout
-from tactile_ros.sensors.magnet_pad.twin import MagnetPadConnection
-from tactile_ros.types import Array, Closing, Recording
+from tactile_ros.types import Closing, Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    import numpy.typing as npt
+
     from tactile_ros.devices.serial_board import FramedBoard
     from tactile_ros.devices.simulated_serial import FramedTwin
+    from tactile_ros.pipeline import Pipeline
+    from tactile_ros.sensors.gradiometer.config import GradiometerConfig
+    from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
     from tactile_ros.sensors.registry import Connection, SensorSpec
     from tactile_ros.types import Array, ContactState, Frame, SensorConfig
 
 TARE_FRAMES = 50  # frames of a tare
 AVERAGED = 25  # frames of a contact that lasts
+RATE_HZ = 100.0
+PRESSED = 0.95  # of full scale, by a calibration
+DISC_PRESSES, PAD_PRESSES = 60, 800
+LARGEST = 8.0  # N, on a pad
+AROUND, LEAN = 0.9, 0.45  # rad from the top; tangential over normal force
+RESTING = 60  # rows of rest before a pad's presses
 
 
 @dataclass(frozen=True)
 class Skin:
     """A kind of sensor in a scene, and how it is read."""
 
-    spec: SensorSpec  # of the sensor
-    config: SensorConfig  # of this one
-    connection: Connection  # how its board is connected
+    spec: SensorSpec
+    config: SensorConfig
+    connection: Connection  # of its board
     # readings (t, c) in the unit of the sensor for a contact's place (3,) (m) and force (3,)
     # (N) in the sensor frame, and the field of what is around, (t, 3) (T) in the same axes
     signal: Callable[[Array, Array, Array], Array]
@@ -66,7 +71,7 @@ class Fingertip(Closing):
     Parameters
     ----------
     skin : Skin
-        What the pad is made of.
+        Material of the pad.
     pipeline : Pipeline
         Calibrated; a copy is used, so that fingertips share a calibration and no state.
     seed : int
@@ -86,13 +91,13 @@ class Fingertip(Closing):
         self, skin: Skin, pipeline: Pipeline, seed: int, steady: Pipeline | None = None
     ) -> None:
         self.skin = skin
-        self.pipeline = deepcopy(pipeline)
-        self.steady = deepcopy(steady)
+        self.pipeline, self.steady = deepcopy(pipeline), deepcopy(steady)
         self._last: deque[Frame] = deque(maxlen=AVERAGED)
         self._values = np.zeros(skin.spec.layout(skin.config).shape)
-        self._still = np.zeros_like(skin.config.positions)
         clock = VirtualClock(1_000_000_000)
-        twin = skin.spec.simulate(skin.config, skin.connection, self._now, seed, clock)
+        twin = skin.spec.simulate(
+            skin.config, skin.connection, lambda _: self._values, seed, clock
+        )
         self._twin = cast('FramedTwin', twin)
         self._board = cast('FramedBoard', self._twin.device(clock.now_ns))
 
@@ -106,13 +111,10 @@ class Fingertip(Closing):
         self._board.close()
         self._twin.close()
 
-    def _now(self, _: float) -> Array:
-        """Readings of the board now."""
-        return self._values
-
-    def _read(self, place: Array, force: Array, field: Array) -> Frame:
+    def _read(self, place: Array, force: Array, field: Array | None = None) -> Frame:
         """The next frame."""
-        self._values = self.skin.signal(place, force, field)
+        around = np.zeros_like(self.skin.config.positions) if field is None else field
+        self._values = self.skin.signal(place, force, around)
         self._board.feed(self._twin.period())
         self.frame = self._board.read(0.0)
         self._last.append(self.frame)
@@ -120,15 +122,13 @@ class Fingertip(Closing):
 
     def tare(self) -> None:
         """Take the baseline with nothing on the pad and no field around."""
-        none = np.zeros(3)
-        frames = [self._read(none, none, self._still) for _ in range(TARE_FRAMES)]
-        for pipeline in (self.pipeline, self.steady):
-            if pipeline is not None:
-                pipeline.reset()
-                pipeline.tare(frames)
+        frames = [self._read(np.zeros(3), np.zeros(3)) for _ in range(TARE_FRAMES)]
+        for pipeline in filter(None, (self.pipeline, self.steady)):
+            pipeline.reset()
+            pipeline.tare(frames)
 
-    def feel(self, place: Array, force: Array, field: Array | None = None) -> ContactState:
-        """Estimate of the pipeline for a contact.
+    def estimate(self, place: Array, force: Array, field: Array | None = None) -> ContactState:
+        """Estimate of the pipeline for the frame of a contact.
 
         Parameters
         ----------
@@ -137,15 +137,8 @@ class Fingertip(Closing):
             no contact.
         field : ndarray, shape (t, 3), or None
             Of what is around, at the elements (T); None: none.
-
-        Returns
-        -------
-        ContactState
-            Of the frame that the driver decoded.
         """
-        return self.pipeline.process(
-            self._read(place, force, self._still if field is None else field)
-        )
+        return self.pipeline.process(self._read(place, force, field))
 
     def lasting(self) -> ContactState | None:
         """Estimate from the mean of the last 25 frames; None without a pipeline for that."""
@@ -153,13 +146,6 @@ class Fingertip(Closing):
             return None
         mean = np.mean([frame.values for frame in self._last], axis=0)
         return self.steady.process(replace(self.frame, values=mean))
-
-
-RATE_HZ = 100.0
-PRESSED = 0.95  # of full scale, by a calibration
-DISC_PRESSES = 60
-AROUND, LEAN = 0.9, 0.45  # rad from the top; tangential over normal force
-RESTING = 60  # rows of rest before a pad's presses
 
 
 def gradiometer_skin(config: GradiometerConfig) -> Skin:
@@ -172,7 +158,7 @@ def gradiometer_skin(config: GradiometerConfig) -> Skin:
         return np.asarray(disc.reading(config, at, model)[0] + around)
 
     spec = load_sensor('gradiometer')
-    return Skin(spec, config, GradiometerConnection(), signal, model.name)
+    return Skin(spec, config, disc.GradiometerConnection(), signal, model.name)
 
 
 def gradiometer_presses(config: GradiometerConfig, seed: int) -> Recording:
@@ -194,11 +180,11 @@ def gradiometer_presses(config: GradiometerConfig, seed: int) -> Recording:
     )
 
 
-def magnet_pad_skin(config: MagnetPadConfig, largest: float) -> Skin:
-    """A magnet pad [2] behind a microcontroller, for presses up to a force (N)."""
+def magnet_pad_skin(config: MagnetPadConfig) -> Skin:
+    """A magnet pad [2] behind a microcontroller."""
     places = config.cells
     normals = places * np.array([0.0, 1.0, 1.0]) / config.radius
-    blocks = pad.blocks_for(config, Programme(places, largest * normals))
+    blocks = pad.blocks_for(config, Programme(places, LARGEST * normals))
 
     def signal(place: Array, force: Array, field: Array) -> Array:
         seen = pad.reading(config, _touch(place, force), blocks)[0]
@@ -207,21 +193,19 @@ def magnet_pad_skin(config: MagnetPadConfig, largest: float) -> Skin:
     nodes = blocks.edge_nodes
     model = f'blocks of {nodes**3} dipoles' if nodes else 'blocks in closed form'
     spec = load_sensor('magnet_pad')
-    return Skin(spec, config, MagnetPadConnection(transport='serial'), signal, model)
+    return Skin(spec, config, pad.MagnetPadConnection(transport='serial'), signal, model)
 
 
-def magnet_pad_presses(
-    config: MagnetPadConfig, seed: int, largest: float, count: int, frames: int = 1
-) -> Recording:
+def magnet_pad_presses(config: MagnetPadConfig, seed: int, frames: int) -> Recording:
     """The mean of some frames of each press, where grasps touch, leaning as forces there do."""
-    rng = np.random.default_rng(seed)
+    rng, count = np.random.default_rng(seed), PAD_PRESSES
     x = 0.5 * config.length * rng.uniform(-1, 1, count)
     angle = np.pi / 2 + AROUND * rng.uniform(-1, 1, count)
     normal = np.column_stack([np.zeros(count), np.cos(angle), np.sin(angle)])
     across = np.cross(normal, rng.normal(size=(count, 3)))
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     lean = LEAN * rng.uniform(0, 1, (count, 1))
-    load = largest * rng.uniform(0.03, 1.0, (count, 1))
+    load = LARGEST * rng.uniform(0.03, 1.0, (count, 1))
     place = np.column_stack([x, config.radius * normal[:, 1:]])
     at = Touches(np.arange(count), place, load * (normal + lean * across), np.ones(count))
     blocks = pad.blocks_for(config, Programme(at.position, at.force))
@@ -245,7 +229,7 @@ def _after_rest(column: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
     return np.concatenate([np.repeat(blank, RESTING, axis=0), column])
 
 
-def calibrated(skin: Skin, presses: Recording, estimator: str | None = None) -> Pipeline:
+def calibrated(skin: Skin, presses: Recording, estimator: str) -> Pipeline:
     """Pipeline of a skin, fitted to presses; some frames a second are enough."""
     pipeline = skin.spec.pipeline(skin.config, estimator)
     return pipeline.fit(presses if presses.stamp_ns is None else thinned(presses))

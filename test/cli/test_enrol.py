@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""tactile enrol: from a recording, by name and back, and from a running node."""
+"""`tactile enrol`: from a recording, by name and back; presses of a live run."""
 
 from __future__ import annotations
 
@@ -27,13 +27,11 @@ def test_from_a_recording_and_back(
     own_skin: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = SPEC.load(own_skin).digest
-    presses = enrolled_skin.new_head(2)
-    save_recording(presses, tmp_path / 'mugs.npz')
+    save_recording(enrolled_skin.new_head(2), tmp_path / 'mugs.npz')
     words = ['enrol', 'mug', '--calibration', str(own_skin)]
     assert main([*words, '--from', str(tmp_path / 'mugs.npz')]) == 0
-    assert (
-        "'mug' learned from 2 presses; it takes 0 % of 8 known presses" in capsys.readouterr().out
-    )
+    said = capsys.readouterr().out
+    assert "'mug' learned from 2 presses; it takes 0 % of 8 known presses" in said
     assert SPEC.load(own_skin).label_names[-1] == 'mug'
     assert main([*words, '--forget']) == 0
     assert "'mug' forgotten" in capsys.readouterr().out
@@ -44,8 +42,7 @@ def test_what_cannot_be_is_said_and_changes_nothing(
     own_skin: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     content = own_skin.read_bytes()
-    rest = enrolled_skin.new_head(1).select(slice(0, 70))
-    save_recording(rest, tmp_path / 'rest.npz')
+    save_recording(enrolled_skin.new_head(1).select(slice(0, 70)), tmp_path / 'rest.npz')
     file = ['--calibration', str(own_skin)]
     for words, sentence in (
         (['mug', '--from', str(tmp_path / 'rest.npz'), *file], 'found none'),
@@ -59,9 +56,8 @@ def test_what_cannot_be_is_said_and_changes_nothing(
     assert own_skin.read_bytes() == content
 
 
-def live_run(count: int) -> LoadedRecording:
+def live_run(recording: Recording) -> LoadedRecording:
     """Presses as a bag holds them, with the baseline of a tare."""
-    recording = enrolled_skin.new_head(count)
     live = Recording.from_arrays(
         recording.layout, recording.values, stamp_ns=recording.stamp_ns,
         sequence=recording.sequence,
@@ -74,7 +70,7 @@ def live_run(count: int) -> LoadedRecording:
 def test_frames_that_fail_are_told_where_no_press_is_left(
     failing: slice, taught_skin: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run, pipeline = live_run(2), SPEC.load(taught_skin)
+    run, pipeline = live_run(enrolled_skin.new_head(2)), SPEC.load(taught_skin)
     stamps = run.recording.stamp_ns[failing]
     kind = type(pipeline.estimation)
     healthy = kind.estimate
@@ -96,11 +92,10 @@ def test_frames_that_fail_are_told_where_no_press_is_left(
 
 def test_presses_of_a_live_run_are_found_as_it_found_them(taught_skin: Path) -> None:
     recording = enrolled_skin.new_head(3)
-    found = presses_in(live_run(3), SPEC.load(taught_skin))
+    found = presses_in(live_run(recording), SPEC.load(taught_skin))
     assert [len(press.frames) for press in found] == [10, 10, 10]
-    touched = recording.truth['in_contact'] == 1
     for number, press in enumerate(found):
         rows = [frame.sequence for frame in press.frames]
-        assert touched[rows].all()
+        assert (recording.truth['in_contact'][rows] == 1).all()
         assert (recording.truth['repetition'][rows] == number).all()
         assert np.allclose(press.baseline, recording.values[:40].mean(axis=0), atol=5e-6)

@@ -43,3 +43,14 @@ def test_interrupt_ends_a_command_in_one_line(words: str, after_s: float, tmp_pa
     assert not list(tmp_path.rglob('*.part'))
     with pytest.raises(ProcessLookupError):  # no process of its group is left
         os.killpg(process.pid, 0)
+
+
+def test_interrupt_amid_the_imports_says_so() -> None:
+    lines = (
+        'import os, sys, types; from tactile_ros import cli; cli._started.append(os.getpid())',
+        "sys.modules['tactile_ros.files'] = types.ModuleType('begun')",
+        'cli._end()',
+    )
+    words = [sys.executable, '-c', '\n'.join(lines)]
+    done = subprocess.run(words, capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (130, b'tactile: interrupted\n')

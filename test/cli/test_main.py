@@ -1,9 +1,10 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Entry of the command line: guesses, silence on request, settings of a working folder."""
+"""Entry of the command line: refusals in a sentence, guesses, silence, settings of a folder."""
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import os
 import subprocess
@@ -12,9 +13,12 @@ from pathlib import Path
 
 import pytest
 
+from reference.help_examples import examples
 from tactile_ros.cli import console
 from tactile_ros.cli import main as entry
-from tactile_ros.cli.main import main, parser, settings, with_guess, with_settings
+from tactile_ros.cli.main import COMMANDS, main, parser, sentence, with_guess, with_settings
+
+ENTRY = 'from tactile_ros.cli.main import main; import sys; sys.exit(main(sys.argv[1:]))'
 
 
 @pytest.fixture
@@ -22,6 +26,72 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A working folder."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+def test_every_command_has_its_summary_and_takes_quiet() -> None:
+    top = parser()
+    assert isinstance(top, argparse.ArgumentParser)
+    for name, own in top._subparsers._group_actions[0].choices.items():  # type: ignore[union-attr]
+        module = importlib.import_module(f'tactile_ros.cli.{name}')
+        assert (module.__doc__ or '').split('\n')[0] == COMMANDS[name]
+        assert '--quiet' in own.format_help()
+
+
+@pytest.mark.parametrize('name', [name for name in COMMANDS if name != 'design'])
+def test_an_unknown_option_is_answered_by_its_command(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    example = next(line for line in examples() if line.startswith(f'tactile {name}'))
+    with pytest.raises(SystemExit) as stop:
+        main([*example.split()[1:], '--nonsense'])
+    assert stop.value.code == 2
+    said = capsys.readouterr().err
+    assert f'tactile {name}: error: unrecognized arguments: --nonsense' in said
+    assert f'usage: tactile {name}' in said
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'code', 'words'),
+    [
+        (['calibrate', 'no_such', 'x', '-o', 'y'], 2, 'sensor must be one of five_wire_skin'),
+        (['calibrate', 'reskin_board', 'no_such', '-o', 'y'], 1, 'does not exist'),
+        (['calibrate', 'reskin_board', 'a\x1b[31mb', '-o', 'y'], 1, 'a\\x1b[31mb does not exist'),
+        (['replay', 'x', '--calibration', 'no_such.npz'], 1, 'does not exist'),
+        (['replay', 'x', '--calibration', 'c.npz', '--jobs', '0'], 2, '--jobs must be 1 or more'),
+        (['bench', 'all', '--jobs', '-1'], 2, '--jobs must be 1 or more; received -1'),
+        (['bench', 'no_such'], 2, "roads, taxel_array; received 'no_such'"),
+        (['run', '--hand', 'no.yaml'], 2, 'no.yaml cannot be read: No such file or directory'),
+        (['demo', '--sensor', 'eflsh'], 2, 'did you mean eflesh'),
+    ],
+)
+def test_what_is_wrong_is_one_sentence(
+    arguments: list[str], code: int, words: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(arguments) == code
+    printed = capsys.readouterr()
+    (said,) = printed.err.strip().splitlines()
+    assert words in said
+    assert not printed.out
+
+
+def test_a_failure_of_the_system_is_told_without_its_number() -> None:
+    assert sentence(FileNotFoundError(2, 'No such file', 'a', None, 'b')) == 'a: b: No such file'
+    assert sentence(OSError(28, 'No space left on device')) == 'No space left on device'
+    assert sentence(OSError('of its own')) == 'of its own'
+
+
+def test_sensors_of_the_user_fail_in_one_sentence(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv('TACTILE_SENSORS', f'{folder}{os.pathsep}{folder}/gone')
+    assert main(['list']) == 2
+    said = f'tactile list: TACTILE_SENSORS must name folders of sensors; {folder}/gone is none\n'
+    assert capsys.readouterr().err == said
+    assert main(['new', 'own_pad', '--taxels', '2x2', '--folder', f'{folder}/gone']) == 0
+    (folder / 'gone' / 'own_pad' / '__init__.py').write_text('raise SystemExit(3)')
+    monkeypatch.setattr('tactile_ros.sensors.__path__', [f'{folder}/gone'])
+    assert main(['doctor', '--sensor', 'own_pad', '--simulated']) == 1
+    assert 'sensor own_pad cannot be loaded (SystemExit: 3)' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -48,24 +118,10 @@ def test_a_wrong_word_is_answered_by_a_guess(
     assert capsys.readouterr().err.strip().endswith(f'did you mean {guess}?')
 
 
-def test_nothing_is_with_guess_where_nothing_is_near() -> None:
-    for said in ('x must be one of a, b; received 17', 'no such thing', 'a; did you mean b?'):
+def test_nothing_is_guessed_where_nothing_is_near() -> None:
+    for said in ('x must be one of a, b; received 17', 'no such thing', 'a; did you mean b?',
+                 "KEY must be none of reskin, x; received 'reskin'"):  # fmt: skip
         assert with_guess(said) == said
-
-
-def test_an_interrupt_amid_the_imports_says_so() -> None:
-    lines = (
-        'import os, sys, types; from tactile_ros import cli; cli._started.append(os.getpid())',
-        "sys.modules['tactile_ros.files'] = types.ModuleType('begun')",
-        'cli._end()',
-    )
-    words = [sys.executable, '-c', '\n'.join(lines)]
-    done = subprocess.run(words, capture_output=True, check=False)
-    assert (done.returncode, done.stderr) == (130, b'tactile: interrupted\n')
-
-
-def test_what_was_said_is_no_guess() -> None:
-    assert 'mean' not in with_guess("KEY must be none of reskin, x; received 'reskin'")
 
 
 def test_quiet_keeps_the_table_and_the_failure(
@@ -91,7 +147,6 @@ def test_quiet_keeps_the_table_and_the_failure(
         (['run', '--sensor', 'x'], ['run', '--sensor', 'x']),
         (['run', '--sens=x'], ['run', '--sens=x']),
         (['view'], ['view', '--sensor=own', '--board=/dev/p', '--calibration=c.npz']),
-        (['doctor'], ['doctor', '--sensor=own', '--port=/dev/p']),
         (['replay', 'b'], ['replay', '--calibration=c.npz', 'b']),
         (['replay', 'b', '--calibration', 'd'], ['replay', 'b', '--calibration', 'd']),
         (['list'], ['list']),
@@ -107,8 +162,7 @@ def test_a_recording_that_is_named_is_shown_as_it_is(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / 'tactile.toml').write_text('sensor = "gradiometer"\n')
-    options = entry.parse(parser('view'), ['view', 'my_bag'])
-    assert options.sensor is None
+    assert entry.parse(parser('view'), ['view', 'my_bag']).sensor is None
     assert not capsys.readouterr().err
     assert entry.parse(parser('view'), ['view']).sensor == 'gradiometer'
     assert capsys.readouterr().err == 'set by tactile.toml: --sensor=gradiometer\n'
@@ -147,15 +201,8 @@ def test_without_tomllib_the_file_is_named_and_not_read(
 ) -> None:
     (folder / 'tactile.toml').write_text('sensor = "own"\n')
     monkeypatch.setitem(sys.modules, 'tomllib', None)
-    assert settings() == {}
+    assert with_settings(['run']) == ['run']
     assert 'tactile.toml is read by Python 3.11 or later alone' in capsys.readouterr().err
-
-
-def test_times_of_a_busy_machine_are_doubted(capsys: pytest.CaptureFixture[str]) -> None:
-    console.tell_if_busy(0.0)
-    assert not capsys.readouterr().err
-    console.tell_if_busy(1000.0)
-    assert 'times mean little' in capsys.readouterr().err
 
 
 def test_the_version_costs_little() -> None:
@@ -170,20 +217,26 @@ def test_the_version_costs_little() -> None:
     assert float(spent) < 0.3
 
 
-def test_tab_completes_sensors(tmp_path: Path) -> None:
+def test_main_ends_where_nobody_reads_or_nothing_can_be_written() -> None:
+    words = [sys.executable, '-c', ENTRY, 'list', '--quiet']
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        process.stdout.close()
+        assert process.stderr.read() == b''
+        assert process.wait() == 141
+    closed = ['/bin/sh', '-c', f"{sys.executable} -c '{ENTRY}' list --quiet >&-"]
+    done = subprocess.run(closed, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (1, 'tactile: standard output is closed\n')
+
+
+@pytest.mark.parametrize(
+    ('line', 'wanted'),
+    [('tactile rep', ['replay', 'report']), ('tactile doctor --sensor grad', ['gradiometer'])],
+)
+def test_tab_completes_commands_and_sensors(line: str, wanted: list[str], tmp_path: Path) -> None:
     pytest.importorskip('argcomplete')
-    line = 'tactile doctor --sensor grad'
     asked = {
         '_ARGCOMPLETE': '1', '_ARGCOMPLETE_IFS': ' ', 'COMP_LINE': line,
         'COMP_POINT': str(len(line)), '_ARGCOMPLETE_STDOUT_FILENAME': str(tmp_path / 'answer'),
     }  # fmt: skip
-    code = 'from tactile_ros.cli.main import main; main()'
-    subprocess.run([sys.executable, '-c', code], env={**os.environ, **asked}, check=False)
-    assert (tmp_path / 'answer').read_text().strip() == 'gradiometer'
-
-
-def test_every_command_takes_quiet() -> None:
-    top = parser()
-    assert isinstance(top, argparse.ArgumentParser)
-    for own in top._subparsers._group_actions[0].choices.values():  # type: ignore[union-attr]
-        assert '--quiet' in own.format_help()
+    subprocess.run([sys.executable, '-c', ENTRY], env={**os.environ, **asked}, check=False)
+    assert (tmp_path / 'answer').read_text().split() == wanted

@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""A new sensor works at once: it conforms, it is read, and nothing was written over."""
+"""`tactile new`: its sensor works at once: it conforms, it is read; nothing is written over."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ import pytest
 from tactile_ros import sensors
 from tactile_ros.cli import new
 from tactile_ros.cli.main import main
-from tactile_ros.cli.new import sensor
 from tactile_ros.sensors import load_sensor
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -48,7 +47,7 @@ def test_new_sensors_pass_the_suites_of_conformity(home: Path) -> None:
 
 
 @pytest.mark.parametrize('key', ['line_pad', 'frame_pad'])
-def test_a_new_sensor_is_read_through_a_pseudo_terminal(
+def test_new_sensor_is_read_through_a_pseudo_terminal(
     home: Path, key: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sensors, '__path__', [*sensors.__path__, str(home)])
@@ -80,39 +79,31 @@ def test_new_says_what_comes_next(
     ]
 
 
-@pytest.mark.parametrize('kind', ['folder', 'file', 'link'])
-def test_new_writes_over_nothing(
-    tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
+def full(*_: object) -> None:
+    raise OSError(28, 'No space left on device')
+
+
+@pytest.mark.parametrize('kind', ['folder', 'link', 'nothing'])
+def test_new_writes_over_nothing_and_leaves_nothing_half(
+    tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     place = tmp_path / 'my_pad'
     if kind == 'folder':
         place.mkdir()
-    elif kind == 'file':
-        place.write_text('mine')
-    else:
+    elif kind == 'link':
         place.symlink_to('nowhere')
-    assert main(['new', 'my_pad', '--taxels', '2x2', '--folder', str(tmp_path)]) == 1
-    assert f'{place} exists already' in capsys.readouterr().err
-    assert list(tmp_path.rglob('*')) == [place]
-
-
-def test_new_leaves_nothing_where_it_cannot_write(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(*_: object) -> None:
-        raise OSError(28, 'No space left on device')
-
+    before = list(tmp_path.iterdir())
     monkeypatch.setattr(new, 'write_atomically', full)
     assert main(['new', 'my_pad', '--taxels', '2x2', '--folder', str(tmp_path)]) == 1
-    assert not list(tmp_path.iterdir())
+    said = capsys.readouterr().err
+    assert ('No space left' if kind == 'nothing' else f'{place} exists already') in said
+    assert list(tmp_path.rglob('*')) == before
 
 
 @pytest.mark.parametrize(
     ('key', 'words'),
     [
-        ('My_Pad', 'KEY must be a name such as my_pad'),
-        ('../pad', 'KEY must be a name'),
-        ('lambda', 'KEY must be a name'),
+        *((key, 'KEY must be a name such as my_pad') for key in ('My_Pad', '../pad', 'lambda')),
         ('a' * 41, 'KEY must be a name'),
         ('taxel_array', 'KEY must be a new name, none of five_wire_skin'),
         ('anyskin', 'KEY must be a new name'),
@@ -135,10 +126,10 @@ def test_new_refuses_a_shape(taxels: str, capsys: pytest.CaptureFixture[str]) ->
 
 
 @pytest.mark.parametrize('lines', [True, False])
-def test_the_largest_sensor_fits_its_port(lines: bool) -> None:
+def test_new_sensors_of_any_size_fit_their_port(lines: bool) -> None:
     for rows, columns in ((16, 16), (13, 19), (7, 4), (1, 1)):
         held: dict[str, object] = {'__name__': __name__}
-        exec(sensor('tried', rows, columns, lines=lines), held)
+        exec(new.sensor('tried', rows, columns, lines=lines), held)
         spec = held['SENSOR']
         config = spec.config(rate_hz=80.0)  # type: ignore[attr-defined]
         assert spec.open(config, spec.connection(), time.monotonic_ns) is not None  # type: ignore[attr-defined]

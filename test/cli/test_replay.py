@@ -13,39 +13,27 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tactile_ros.cli import console
-from tactile_ros.cli.console import Progress
 from tactile_ros.cli.main import main
 from tactile_ros.evaluation import figures, fleet
-from tactile_ros.evaluation.recording_files import save_recording
-from tactile_ros.sensors import load_sensor
+from tactile_ros.evaluation.report import figure_text
 
 if TYPE_CHECKING:
     from tactile_ros.evaluation.fleet import Job
 
 ROOT = Path(__file__).parents[2]
+TWO = ['--calibration', 'a.npz', '--calibration', 'b.npz', '--jobs', '1', '--json']
 
 
-@pytest.fixture(scope='module')
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    place = tmp_path_factory.mktemp('replay')
-    spec = load_sensor('reskin_board')
-    spatial = spec.recordings()['spatial'].select(slice(0, 800))
-    spec.pipeline(estimator='ridge').fit(spatial).save(place / 'a.npz')
-    spec.pipeline(estimator='ridge').fit(spatial.select(slice(0, 400))).save(place / 'b.npz')
-    for i in (0, 1):
-        save_recording(spatial.select(slice(200 * i, 200 * i + 200)), place / f'part_{i}.npz')
-    return place
+@pytest.fixture(autouse=True)
+def there(board_files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(board_files)
 
 
 def test_several_are_compared_in_one_table_and_saved(
-    folder: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    names = [str(folder / f'part_{i}.npz') for i in (0, 1)]
-    calibrations = ['--calibration', str(folder / 'a.npz'), '--calibration', str(folder / 'b.npz')]
-    saved = folder / 'out' / 'compared'
-    code = main(
-        ['replay', *names, 'missing', *calibrations, '--jobs', '1', '--json', '--save', str(saved)]
-    )
+    saved = tmp_path / 'out' / 'compared'
+    code = main(['replay', 'part_0.npz', 'part_1.npz', 'missing', *TWO, '--save', str(saved)])
     assert code == 1  # one of three failed
     printed = capsys.readouterr()
     rows = json.loads(printed.out)
@@ -65,44 +53,36 @@ def test_several_are_compared_in_one_table_and_saved(
 
 
 def test_the_report_and_its_pictures_come_from_the_same_run(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    taken: list[str] = []
-    monkeypatch.setattr(
-        figures, 'write_png', lambda path, _: taken.append(path.name) or path
-    )
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drawn: list[str] = []
+    monkeypatch.setattr(figures, 'write_png', lambda path, _: drawn.append(path.name) or path)
     monkeypatch.setattr(console, 'check_png', lambda: None)
     heard: list[Job] = []
     one_by_one = fleet.run_job
     monkeypatch.setattr(fleet, 'run_job', lambda job: heard.append(job) or one_by_one(job))
-    calibrations = ['--calibration', str(folder / 'a.npz'), '--calibration', str(folder / 'b.npz')]
     page = tmp_path / 'page.html'
-    code = main(
-        ['replay', str(folder / 'part_0.npz'), 'missing', *calibrations, '--jobs', '1', '--json',
-         '--report', str(page), '--png', str(tmp_path / 'png')]
-    )  # fmt: skip
-    assert code == 1
+    pages = ['--report', str(page), '--png', str(tmp_path / 'png')]
+    assert main(['replay', 'part_0.npz', 'missing', *TWO, *pages]) == 1
     assert len(heard) == 2
     first, *_ = json.loads(capsys.readouterr().out)
     text = page.read_text('utf-8')
     assert 'ridge, a' in text
     assert 'ridge, b' in text
-    assert f'>{first["place mean (mm)"]:.2f}<' in text
+    assert f'>{figure_text(first["place mean (mm)"])}<' in text
     assert 'Left out: missing does not exist' in text
-    assert taken[:2] == [
+    assert drawn[:2] == [
         'part_0_npz_where_on_the_pad_it_errs.png', 'part_0_npz_how_far_off_the_place_is.png'
     ]  # fmt: skip
 
 
-def test_the_installed_command_works_in_processes(folder: Path, tmp_path: Path) -> None:
+def test_the_installed_command_works_in_processes(tmp_path: Path) -> None:
     script = tmp_path / 'tactile'
     text = (ROOT / 'bootstrap' / 'executable.in').read_text()
     text = text.replace('@Python3_EXECUTABLE@', sys.executable).replace('@module@', 'cli')
     script.write_text(text)
-    names = [str(folder / f'part_{i}.npz') for i in (0, 1)]
     done = subprocess.run(
-        ['/bin/sh', str(script), 'replay', *names, '--calibration', str(folder / 'a.npz'),
+        ['/bin/sh', str(script), 'replay', 'part_0.npz', 'part_1.npz', '--calibration', 'a.npz',
          '--jobs', '2', '--json'],
         capture_output=True, text=True, check=False,
         env={**os.environ, 'PYTHONPATH': str(ROOT)},
@@ -114,29 +94,26 @@ def test_the_installed_command_works_in_processes(folder: Path, tmp_path: Path) 
     assert '[2/2]' in done.stderr
 
 
+def test_replay_names_what_it_leaves_out_and_why_it_shows_no_error(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    command = ['--calibration', 'a.npz', '--jobs', '1']
+    assert main(['replay', 'slip', 'part_0.npz', *command]) == 1
+    printed = capsys.readouterr()
+    assert 'left out: slip has (10, 3) taxels and channels' in printed.err
+    assert 'ridge' in printed.out
+    for flags in ([], ['--json']):
+        assert main(['replay', 'normal_1', *command, *flags]) == 0
+        printed = capsys.readouterr()
+        why = 'normal_1: ridge has no error: it estimates position, truth has force_z'
+        assert why in (printed.err if flags else printed.out)
+        assert not flags or json.loads(printed.out)
+
+
 @pytest.mark.parametrize(
     'words', [('--tolerance', 'nan'), ('--tolerance', '-1'), ('--delay', '1e300')]
 )
-def test_replay_refuses_a_time_that_cannot_be(folder: Path, words: tuple[str, str]) -> None:
+def test_replay_refuses_a_time_that_cannot_be(words: tuple[str, str]) -> None:
     with pytest.raises(SystemExit) as stopped:
-        main(['replay', 'x', '--calibration', str(folder / 'a.npz'), *words])
+        main(['replay', 'x', '--calibration', 'a.npz', *words])
     assert stopped.value.code == 2
-
-
-def test_a_terminal_shows_a_bar(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip('rich')
-    monkeypatch.setattr(sys.stderr, 'isatty', lambda: True)
-    with Progress(2) as progress:
-        progress.step('one')
-        progress.step('two', 'it is empty')
-    said = capsys.readouterr().err
-    assert 'two failed: it is empty' in said
-    assert '[1/2]' not in said
-
-
-def test_a_single_step_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
-    with Progress(1) as progress:
-        progress.step('one')
-    assert capsys.readouterr().err == ''

@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""tactile view of a recording: what a calibration says of it, and of which frames it cannot."""
+"""`tactile view`: what it refuses before anybody looks, and what it plays."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from tactile_ros.cli import view
 from tactile_ros.cli.main import main
-from tactile_ros.evaluation.recording_files import LoadedRecording
+from tactile_ros.evaluation.recording_files import LoadedRecording, load_recording
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
@@ -19,13 +19,35 @@ if TYPE_CHECKING:
     from tactile_ros.types import Columns, Signals
 
 
-def test_a_frame_that_cannot_be_estimated_is_told_and_shown_as_lost(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ('words', 'code', 'said'),
+    [
+        (['a.npz', '--sensor', 'gradiometer'], 2, 'name a recording or --sensor'),
+        (['--board', '/dev/ttyACM0'], 2, '--board needs the --sensor'),
+        (['a.npz', '--speed', '-1'], 2, '--speed must be 0 or more'),
+        (['a.npz', '--port=-1'], 2, '--port must be 0 to 65535; received -1'),
+        (['a.npz', '--port=65536'], 2, '--port must be 0 to 65535; received 65536'),
+        (['a.npz', '--loop', '--speed', '0'], 2, '--loop needs a --speed above 0'),
+        (['a.npz', '--mcap', __file__], 2, 'exists already'),
+        (['--sensor', 'no_such'], 2, 'sensor must be one of five_wire_skin, gradiometer'),
+        (['no_such'], 1, 'no_such does not exist; name a bag, .npz or .csv'),
+        ([__file__], 1, 'is no bag'),
+        (['--sensor', 'gradiometer', '--calibration', 'none.npz'], 1, 'none.npz does not exist'),
+    ],
+)
+def test_wrong_use_is_refused_before_an_address_is_told(
+    words: list[str], code: int, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    spec = load_sensor('reskin_board')
-    spatial = spec.recordings()['spatial']
-    pipeline = spec.pipeline(estimator='ridge').fit(spatial.select(slice(0, 400)))
-    few = spatial.select(slice(400, 420))
+    assert main(['view', *words]) == code
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line
+
+
+def test_a_frame_that_cannot_be_estimated_is_told_and_shown_as_lost(
+    board_files: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pipeline = load_sensor('reskin_board').load(board_files / 'a.npz')
+    few = load_recording(board_files / 'presses.npz').select(slice(0, 20))
     kind = type(pipeline.estimation)
     healthy = kind.estimate
 
@@ -41,22 +63,14 @@ def test_a_frame_that_cannot_be_estimated_is_told_and_shown_as_lost(
     assert 'few: 1 frames cannot be estimated and count as lost' in capsys.readouterr().err
 
 
-@pytest.mark.parametrize('port', [-1, 65536])
-def test_a_port_that_cannot_be_is_refused(port: int, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['view', '--sensor', 'reskin_board', f'--port={port}']) == 2
-    assert f'--port must be 0 to 65535; received {port}' in capsys.readouterr().err
-
-
 def test_a_csv_has_the_layout_of_the_calibration(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    board_files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    spec = load_sensor('reskin_board')
-    spatial = spec.recordings()['spatial'].select(slice(0, 400))
-    spec.pipeline(estimator='ridge').fit(spatial).save(tmp_path / 'a.npz')
-    names = [f'{channel}_{taxel}' for taxel in range(5) for channel in spatial.layout.channels]
-    rows = spatial.values[:2].reshape(2, -1)
+    presses = load_recording(board_files / 'presses.npz')
+    names = [f'{channel}_{taxel}' for taxel in range(5) for channel in presses.layout.channels]
+    rows = presses.values[:2].reshape(2, -1)
     np.savetxt(tmp_path / 'b.csv', rows, '%.9g', ',', header=','.join(names), comments='')
     words = ['view', str(tmp_path / 'b.csv'), '--port=0', '--no-open', '--speed=0', '--seconds=0']
     assert main(words) == 1
     assert 'name it or a calibration' in capsys.readouterr().err
-    assert main([*words, '--calibration', str(tmp_path / 'a.npz')]) == 0
+    assert main([*words, '--calibration', str(board_files / 'a.npz')]) == 0

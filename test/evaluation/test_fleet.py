@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tactile_ros.cli.replay import evaluate
 from tactile_ros.evaluation import fleet, recording_files
 from tactile_ros.evaluation.fleet import (
     Job,
     Outcome,
+    evaluate,
     evaluate_bag,
     pooled,
     run_job,
@@ -227,7 +227,7 @@ def test_pieces_of_any_length_are_the_bag_in_memory(
     bag: Path, pipeline: Pipeline, in_pieces: Callable[[int, int], None], frames: int
 ) -> None:
     (loaded,) = load(bag, None, TRUTH).recordings
-    whole = evaluate(loaded, [copy(pipeline)])
+    whole = for_drawing(evaluate(loaded, {'c': copy(pipeline)}))
     in_pieces(frames, 300_000_000)
     pieces = for_drawing(judged(bag, pipeline))
     same(pieces, whole)

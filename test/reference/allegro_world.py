@@ -17,7 +17,7 @@ import numpy as np
 from tactile_ros.control import GraspOutcome, GraspProgress
 from tactile_ros.hands import load_hand
 from tactile_ros.nodes.grip_loop import GripLoop
-from tactile_ros.simulation.allegro_hand import allegro_bodies
+from tactile_ros.simulation.hands import allegro_bodies
 
 if TYPE_CHECKING:
     from tactile_ros.nodes.grip_loop import Decision

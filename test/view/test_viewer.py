@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import socket
+import sys
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from tactile_ros.cli.main import main
 from tactile_ros.evaluation.recording_files import save_recording
 from tactile_ros.sensors import load_sensor
-from tactile_ros.types import ContactState
+from tactile_ros.types import ContactState, Frame
 from tactile_ros.view.viewer import HOST, Seen
 
 if TYPE_CHECKING:
@@ -22,42 +23,38 @@ if TYPE_CHECKING:
     Shown = list[tuple[object, object, object]]  # schema, channel, message
 
 
-@pytest.fixture
-def few(tmp_path: Path) -> Path:
+@pytest.fixture(scope='module')
+def few(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Eight frames of a real board."""
-    path = tmp_path / 'few.npz'
+    path = tmp_path_factory.mktemp('few') / 'few.npz'
     save_recording(load_sensor('reskin_board').recordings()['normal_1'].select(slice(0, 8)), path)
     return path
 
 
-def test_the_scale_of_colours_follows_the_largest_change() -> None:
-    seen, bare = Seen(), ContactState.assemble(1, {'in_contact': np.array([0], np.int8)})
-    touched = ContactState.assemble(1, {'in_contact': np.array([1], np.int8)})
-
-    class Read:
-        values = np.zeros((1, 1))
-
-    rest, _ = seen.scale(Read, bare)
-    assert rest.tolist() == [[0.0]]
-    Read.values = np.full((1, 1), 2.0)
-    rest, most = seen.scale(Read, touched)
-    assert (rest.tolist(), most) == ([[0.0]], 2.0)
-    Read.values = np.full((1, 1), 1.0)
-    rest, most = seen.scale(Read, bare)
-    assert rest.tolist() == [[1.0]]
-    assert 1.9 < most < 2.0
-
-
-@pytest.fixture
-def found(few: Path, tmp_path: Path) -> Shown:
+@pytest.fixture(scope='module')
+def found(few: Path) -> Shown:
     """The file that is written of them, read back."""
     pytest.importorskip('foxglove', reason='foxglove-sdk is not installed')
     from mcap.reader import make_reader
 
-    out = tmp_path / 'new' / 'shown.mcap'
+    out = few.with_name('new') / 'shown.mcap'
     assert main(['view', str(few), '--speed', '0', '--mcap', str(out)]) == 0
     with out.open('rb') as stream:
         return list(make_reader(stream).iter_messages())
+
+
+def test_seen_scales_colours_by_the_largest_change() -> None:
+    seen = Seen()
+    bare, touched = (
+        ContactState.assemble(1, {'in_contact': np.array([c], np.int8)}) for c in (0, 1)
+    )
+    scales = [
+        seen.scale(Frame(0, 0, np.full((1, 1), value)), state)
+        for value, state in ((0.0, bare), (2.0, touched), (1.0, bare))
+    ]
+    assert [rest.tolist() for rest, _ in scales] == [[[0.0]], [[0.0]], [[1.0]]]
+    assert scales[1][1] == 2.0
+    assert 1.9 < scales[2][1] < 2.0
 
 
 def decoded(found: Shown, topic: str) -> list[object]:
@@ -122,46 +119,21 @@ def test_a_file_has_every_frame(found: Shown) -> None:
     assert np.diff(times).min() > 0
 
 
-def test_a_port_that_is_taken_is_one_sentence(
-    few: Path, capsys: pytest.CaptureFixture[str]
+def test_foxglove_server_says_where_it_is_or_that_it_cannot_be(
+    few: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip('foxglove', reason='foxglove-sdk is not installed')
+    words = ['view', str(few), '--foxglove', '--speed', '0']
+    assert main([*words, '--port', '0']) == 0
+    assert f'connect Foxglove to ws://{HOST}:' in capsys.readouterr().err
     with socket.socket() as taken:
         taken.bind((HOST, 0))
         taken.listen()
         port = taken.getsockname()[1]
-        assert main(['view', str(few), '--foxglove', '--port', str(port)]) == 1
+        assert main([*words, '--port', str(port)]) == 1
     (said,) = capsys.readouterr().err.splitlines()
     assert f'nothing can be shown at port {port}' in said
-
-
-def test_a_server_says_where_it_is(few: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip('foxglove', reason='foxglove-sdk is not installed')
-    assert main(['view', str(few), '--foxglove', '--speed', '0', '--port', '0']) == 0
-    assert f'connect Foxglove to ws://{HOST}:' in capsys.readouterr().err
-
-
-def test_without_the_package_there_is_one_sentence(
-    few: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(__import__('sys').modules, 'foxglove', None)
-    assert main(['view', str(few), '--foxglove']) == 1
+    monkeypatch.setitem(sys.modules, 'foxglove', None)
+    assert main(words) == 1
     (said,) = capsys.readouterr().err.splitlines()
     assert said == 'tactile view: tactile view needs foxglove-sdk: pip install foxglove-sdk'
-
-
-@pytest.mark.parametrize(
-    ('words', 'said'),
-    [
-        (['a.npz', '--sensor', 'gradiometer'], 'name a recording or --sensor'),
-        (['a.npz', '--speed', '-1'], '--speed must be 0 or more'),
-        (['--board', '/dev/ttyACM0'], '--board needs the --sensor'),
-        (['a.npz', '--loop', '--speed', '0'], '--loop needs a --speed above 0'),
-        (['a.npz', '--mcap', __file__], 'exists already'),
-    ],
-)
-def test_wrong_use_is_refused(
-    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(['view', *words]) == 2
-    assert said in capsys.readouterr().err

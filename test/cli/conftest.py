@@ -1,0 +1,59 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
+"""Recordings, calibrations and a bag of a real board, made once for all commands."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from benchmarks.replay import Messages
+from tactile_ros.evaluation.bag import BagWriter
+from tactile_ros.evaluation.recording_files import save_recording
+from tactile_ros.sensors import load_sensor
+from tactile_ros.types import Frame
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.fixture(scope='session')
+def board_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a.npz and b.npz, which learned much and little, and of files of presses.
+
+    small.npz are places at one edge, each with its tare row; part_0.npz and part_1.npz were
+    learned from, presses.npz was not.
+    """
+    folder = tmp_path_factory.mktemp('board')
+    spec = load_sensor('reskin_board')
+    spatial = spec.recordings()['spatial']
+    for name, count in (('a', 600), ('b', 60)):
+        pipeline = spec.pipeline(estimator='ridge').fit(spatial.select(slice(0, count)))
+        pipeline.save(folder / f'{name}.npz')
+    touches = np.flatnonzero(~spatial.tare & (spatial.truth['position'][:, 0] > 0.0115))
+    parts = {
+        'small': np.sort(np.r_[touches - 1, touches]), 'presses': slice(600, 800),
+        'part_0': slice(0, 200), 'part_1': slice(200, 400),
+    }  # fmt: skip
+    for name, rows in parts.items():
+        save_recording(spatial.select(rows), folder / f'{name}.npz')
+    return folder
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    """Bag of one sensor with three frames lost, and of a topic whose name colours terminals."""
+    path = tmp_path / 'bag'
+    recording = load_sensor('reskin_board').recordings()['spatial'].select(slice(0, 20))
+    messages = Messages(recording)
+    layout = messages.layout()
+    with BagWriter(path) as writer:
+        writer.write('/finger/layout', layout.__msgtype__, 1, messages.cdr(layout), True)
+        for row in (k for k in range(20) if k not in (5, 6, 11)):
+            stamp = 10_000_000 * (row + 1)
+            frame = messages.frame(Frame(stamp, row, recording.values[row]))
+            writer.write('/finger/frame', frame.__msgtype__, stamp, messages.cdr(frame))
+        text = messages.new('std_msgs/msg/String')
+        writer.write('/\x1b[31mred', text.__msgtype__, 1, messages.cdr(text))
+    return path
