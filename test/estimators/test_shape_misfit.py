@@ -24,16 +24,9 @@ def test_noise_is_about_one_and_a_shape_between_two_heads_is_far_more() -> None:
     noise = RNG.normal(size=(400, READINGS))
     alone = misfits(noise)
     assert 0.9 < alone.mean() < 1.1
+    aside = np.array([[0.5, -0.3, 0.0, 0.4]]) @ SLOPES  # aside or deeper is no other shape
+    assert misfits(aside)[0] < 0.05
+    other = np.zeros((1, 1, READINGS))  # nor is there one where there is no other head
+    assert shape_misfits(noise[:1], SLOPES[None], other).tolist() == [1.0]
     between = noise + 0.2 * (FITTED[2] - FITTED[0])
     assert np.median(misfits(between)) > np.quantile(alone, 0.95)
-
-
-def test_a_press_aside_or_deeper_is_no_other_shape() -> None:
-    aside = np.array([[0.5, -0.3, 0.0, 0.4]]) @ SLOPES
-    assert misfits(aside)[0] < 0.05
-
-
-def test_a_head_without_another_has_a_misfit_of_one() -> None:
-    slopes, away = np.tile(SLOPES, (2, 1, 1)), np.zeros((2, 1, READINGS))
-    alone = shape_misfits(np.ones((2, READINGS)), slopes, away)
-    assert alone.tolist() == [1.0, 1.0]

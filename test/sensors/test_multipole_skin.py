@@ -179,13 +179,6 @@ def test_a_warm_up_answers_windows_of_a_stream_too(
     assert met == {(1, 60), (trial.config.window, 60)}
 
 
-def test_rest_is_taken_away_before_any_model(trial: Trial) -> None:
-    # hard case 19
-    shifted = replace(trial.test, values=trial.test.values + 2e-3)
-    a, b = (trial.pipeline.process_batch(one) for one in (trial.test, shifted))
-    np.testing.assert_array_equal(a.label, b.label)
-
-
 def new_head(trial: Trial, count: int, seed: int, deep: float = 0.5e-3) -> Recording:
     cross = world.box('wedge', 18e-3, 9e-3)
     places = np.tile([4e-3, -6e-3], (count, 1)) + 3e-5 * trial.rng.normal(size=(count, 2))
