@@ -94,8 +94,18 @@ def circles() -> list[str]:
     return sorted(name for name, others in reach.items() if name in others)
 
 
+def is_command(name: str) -> bool:
+    """Module of a command of `tactile`."""
+    body = modules()[name].body
+    functions = {node.name for node in body if isinstance(node, ast.FunctionDef)}
+    return name.startswith('cli/') and {'add_arguments', 'run'} <= functions
+
+
 def lonely() -> list[str]:
-    """Short modules with a single importer, which stands in their own folder."""
+    """Short modules with a single importer, which stands in their own folder.
+
+    Commands and the fixed files of a sensor's folder are found by their names.
+    """
     importers: dict[str, set[str]] = {}
     for name, others in graph().items():
         for other in others:
@@ -103,7 +113,8 @@ def lonely() -> list[str]:
     found = []
     for name, users in importers.items():
         folder, _, stem = name.rpartition('/')
-        short = lines_of(name) < SHORT and stem not in ENTRY_POINTS
+        fixed = ENTRY_POINTS | (SENSOR_NAMES if folder.startswith('sensors/') else set())
+        short = lines_of(name) < SHORT and stem not in fixed and not is_command(name)
         if short and len(users) == 1 and next(iter(users)).rpartition('/')[0] == folder:
             found.append(name)
     return sorted(found)

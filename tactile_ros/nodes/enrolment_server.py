@@ -379,11 +379,11 @@ class EnrolmentClient(Closing):
         """Wait until the truth of a twin is so; TactileError if not within `timeout` (s)."""
         seen = Future()
 
-        def look(message: TactileContacts) -> None:
+        def check(message: TactileContacts) -> None:
             if holds(message) and not seen.done():
                 seen.set_result(True)
 
-        truth = self._node.create_subscription(TactileContacts, 'truth/contacts', look, qos())
+        truth = self._node.create_subscription(TactileContacts, 'truth/contacts', check, qos())
         try:
             self._answer(seen, timeout)
         finally:

@@ -102,11 +102,11 @@ class Running:
     def wait_for_line(self, executable: str, text: str, timeout: float) -> str:
         """Line of a process that holds `text`; TactileError if none comes in `timeout` (s)."""
 
-        def said() -> str | None:
+        def found() -> str | None:
             return next((line for line in self.lines[executable] if text in line), None)
 
         with self._spoken:
-            line = self._spoken.wait_for(said, timeout)
+            line = self._spoken.wait_for(found, timeout)
         if line is None:
             heard = '; '.join(f'{name} said: {self._last(name)}' for name in self.lines)
             msg = f'{executable} did not say {text!r} within {timeout:g} s; {heard}'
