@@ -315,27 +315,27 @@ def run_jobs(
     """
     outcomes: dict[Job, Outcome] = {}
 
-    def collect(outcome: Outcome) -> None:
+    def add(outcome: Outcome) -> None:
         outcomes[outcome.job] = outcome
         done(outcome)
 
     if scheduler:
-        _on_dask(jobs, scheduler, collect)
+        _on_dask(jobs, scheduler, add)
     elif workers > 1 and len(jobs) > 1:
         # where a process died, each job that was lost with it gets its own
-        for job in _pool(jobs, min(workers, len(jobs)), collect):
-            if _pool([job], 1, collect):
-                collect(Outcome(job, failure=f'{job.recording}: the process that read it died'))
+        for job in _pool(jobs, min(workers, len(jobs)), add):
+            if _pool([job], 1, add):
+                add(Outcome(job, failure=f'{job.recording}: the process that read it died'))
     else:
         for job in jobs:
-            collect(run_job(job))
+            add(run_job(job))
     return [outcomes[job] for job in jobs]
 
 
 def _pool(
     jobs: Sequence[Job],
     workers: int,
-    collect: Callable[[Outcome], None],
+    add: Callable[[Outcome], None],
     work: Callable[[Job], Outcome] = run_job,
 ) -> list[Job]:
     """Do jobs in a pool of processes; those that no process finished."""
@@ -345,13 +345,13 @@ def _pool(
         waiting = {pool.submit(work, job): job for job in jobs}
         for future in as_completed(waiting):
             try:
-                collect(future.result())
+                add(future.result())
             except BrokenProcessPool:
                 lost.append(waiting[future])
     return [job for job in jobs if job in lost]
 
 
-def _on_dask(jobs: Sequence[Job], scheduler: str, collect: Callable[[Outcome], None]) -> None:
+def _on_dask(jobs: Sequence[Job], scheduler: str, add: Callable[[Outcome], None]) -> None:
     """Do jobs on a cluster: Dask gives those of a lost worker to another, a few times."""
     try:
         import distributed
@@ -367,10 +367,10 @@ def _on_dask(jobs: Sequence[Job], scheduler: str, collect: Callable[[Outcome], N
         waiting = {client.submit(run_job, job, pure=False): job for job in jobs}
         for future in distributed.as_completed(waiting, loop=client.loop):
             try:
-                collect(future.result())
+                add(future.result())
             except Exception as err:  # whatever ended it on the cluster
                 why = f'{waiting[future].recording}: {type(err).__name__}: {err}'
-                collect(Outcome(waiting[future], failure=why))
+                add(Outcome(waiting[future], failure=why))
 
 
 def pooled(outcomes: Sequence[Outcome]) -> Dataset | None:

@@ -66,13 +66,13 @@ def raise_priority(priority: int) -> str:
 def rest_collector(contact: ContactNode) -> None:
     """Keep the garbage collector off all that stays, once a contact_node has run for a while."""
 
-    def freeze() -> None:
+    def rest() -> None:
         if contact.loop is not None and contact.loop.statistics.frames >= FRAMES_BEFORE_FREEZE:
             contact.destroy_timer(timer)
             gc.collect()
             gc.freeze()
 
-    timer = contact.create_timer(LOOK_S, freeze, clock=contact.steady)
+    timer = contact.create_timer(LOOK_S, rest, clock=contact.steady)
 
 
 def build() -> Sequence[ManagedNode]:
