@@ -37,7 +37,8 @@ if TYPE_CHECKING:
 
 FEWEST = 3  # presses from which the sheet is fitted
 MOST_FITTED = 30  # presses by which the sheet is fitted
-MOST_TRIED = 120  # presses by which classes find a head that stands in for them
+MOST_TRIED = 40  # presses of which some fit the sheet
+MOST_STANDING = 120  # presses by which classes find a head that stands in for them
 FOLDS = 5
 FAINT = 0.1  # of the drawn resting field: readings that were tared before they came
 NOT_THIS = 0.3  # of a press, missed by the model: truth speaks of something else
@@ -158,7 +159,8 @@ def _fit_sheet(
     # at labelled places: of described heads, or of any class where none is described
     placed = np.isfinite(labels.place[:, :2]).all(axis=1) & (labels.label >= 0)
     most = len(heads) if described else np.inf
-    rows = _spread_out(np.flatnonzero(placed & (labels.label < most)), MOST_TRIED)
+    rows = np.flatnonzero(placed & (labels.label < most))
+    rows = _spread_out(rows, MOST_TRIED if described else MOST_STANDING)
     if len(rows) < FEWEST:
         return presses, {}
     label, place, yaw = labels.label[rows], labels.place[rows, :2], labels.yaw[rows]
