@@ -40,9 +40,8 @@ USUAL = {
     'shift': 0.4e-3,  # m, of all bands
     'gap': 0.2e-3,  # m, of all chips
     'stray': 5e-5,  # T, field of the Earth and offsets
-    'turning': 0.5,  # share of the body's rotation that magnets follow
+    'turning': 0.3,  # share of the body's rotation that magnets follow
 }
-HALF = 0.5  # share of the body's rotation, from which a fit to presses starts
 MANY = ('place', 'tilt', 'gain', 'uneven', 'band')  # their usual size is estimated with them
 WORKSHOP = 10.0  # members, as which the usual size counts
 REST_ERROR = 4e-3  # of the resting field: what no parameter explains
@@ -173,9 +172,11 @@ class SheetCalibration:
         self.theta, self.model = np.zeros_like(self.theta), self.drawn
         return False
 
-    def fit_presses(self, rest: Array | None, presses: Sequence[LabelledPress]) -> None:
+    def fit_presses(
+        self, rest: Array | None, presses: Sequence[LabelledPress], turning: float
+    ) -> None:
         """Fit labelled presses together with resting readings (t, 3), or without."""
-        self.drawn = replace(self.drawn, turning=HALF)
+        self.drawn = replace(self.drawn, turning=turning)
         self.model = self._model(self.theta)
         self._poses = [self._first_state(press) for press in presses]
         self._iterate(rest, presses, PRESS_ROUNDS)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -35,15 +36,15 @@ if TYPE_CHECKING:
     from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
     from tactile_ros.types import Array, Bools, Integers, Report
 
-FEWEST = 3  # presses from which the sheet is fitted
+FEWEST = 3  # presses from which the sheet is fitted, or the share of turns chosen
 MOST_FITTED = 30  # presses by which the sheet is fitted
-MOST_TRIED = 40  # presses of which some fit the sheet
+MOST_TRIED = 40  # presses by which the share of turns is chosen
 MOST_STANDING = 120  # presses by which classes find a head that stands in for them
 FOLDS = 5
 FAINT = 0.1  # of the drawn resting field: readings that were tared before they came
 NOT_THIS = 0.3  # of a press, missed by the model: truth speaks of something else
 ERRORS = (0.012, 0.2)
-OTHER_TURNINGS = (1.0,)  # shares of the body's turns that magnets may follow, beside 0
+TURNINGS = (0.0, 1.0)  # shares of the body's turns that magnets follow
 NEAR = 3e-3  # m, from its label, at which a press of an unknown turn is looked for
 LEAST_STILL = 0.3  # of the noise
 CHI_SQUARED_MIDDLE = 0.4549  # median of the square of a normal deviate
@@ -152,48 +153,59 @@ def _fit_sheet(
     labels: Labels,
 ) -> tuple[Presses, Report]:  # fmt: skip
     """Fit the sheet to presses; these as if the sheet had not been fitted to them, a report."""
-    described, heads = bool(recogniser.outlines), recogniser.outlines or recogniser.library
+    rested = recogniser.model
+    assert rested is not None
+    described = bool(recogniser.outlines)
     expected = fit.expected(recogniser.outlines or HEADS) if rest is not None else MODEL_ERROR
     recogniser.error = float(np.clip(expected, *ERRORS))
-    recogniser.turnings = OTHER_TURNINGS
+    recogniser.turnings = TURNINGS[1:] if described else ()
     # at labelled places: of described heads, or of any class where none is described
     placed = np.isfinite(labels.place[:, :2]).all(axis=1) & (labels.label >= 0)
-    most = len(heads) if described else np.inf
+    most = len(recogniser.outlines) if described else np.inf
     rows = np.flatnonzero(placed & (labels.label < most))
-    rows = _spread_out(rows, MOST_TRIED if described else MOST_STANDING)
+    tried = rows if len(rows) >= FEWEST else np.arange(len(presses.pattern))
+    if len(tried) < FEWEST or (described and len(rows) < FEWEST):
+        return presses, {}
+    tried = _spread_out(tried, MOST_TRIED if described else MOST_STANDING)
+    label = labels.label[tried]
+    seen = np.unique(label) if described else np.arange(0)
+    column = np.searchsorted(seen, label) if described else None
+    turning, matches = _turning(recogniser, presses.rows(tried), seen, column)
+    recogniser.turnings, recogniser.model = (), replace(rested, turning=turning)
+    recogniser.refresh()
     if len(rows) < FEWEST:
         return presses, {}
-    label, place, yaw = labels.label[rows], labels.place[rows, :2], labels.yaw[rows]
-    matches = recogniser.matches(presses.rows(rows))
-    assert matches is not None
-    head = label if described else class_heads(matches, label)
-    each = np.arange(len(rows))
-    poses, cost = matches.pose[each, head, :3], matches.cost[each, head]
-    turned = np.isfinite(yaw) & described
-    near = np.linalg.norm(poses[:, :2] - place, axis=1) < NEAR
-    fits = described | (cost <= np.median(cost))
-    kept = _spread_out(np.flatnonzero(turned | (near & fits)), MOST_FITTED)
+    each = np.arange(len(tried))
+    column = class_heads(matches, label) if column is None else column
+    head = label if described else column
+    poses, cost = matches.pose[each, column, :3], matches.cost[each, column]
+    turned = np.isfinite(labels.yaw[tried]) & described
+    near = np.linalg.norm(poses[:, :2] - labels.place[tried, :2], axis=1) < NEAR
+    kept = np.flatnonzero(turned | (near & (described | (cost <= np.median(cost)))))
     if len(kept) < FEWEST:
         return presses, {}
-    turn = np.where(turned, yaw, poses[:, 2])
-    variance = presses.variance(recogniser.noise, recogniser.still_)[rows]
+    kept = _spread_out(kept, MOST_FITTED)
+    variance = presses.variance(recogniser.noise, recogniser.still_)
     known = [
         LabelledPress(
-            heads[head[i]], np.array([*place[i], turn[i]]), bool(turned[i]),
-            presses.pattern[rows[i]], variance[i],
+            (recogniser.outlines or recogniser.library)[head[i]],
+            np.array([*labels.place[tried[i], :2],
+                      labels.yaw[tried[i]] if turned[i] else poses[i, 2]]),
+            bool(turned[i]), presses.pattern[tried[i]], variance[tried[i]],
         )
         for i in kept
     ]  # fmt: skip
-    fit.fit_presses(rest, known)
-    patterns, missed = fit.held_out(known, labels.folds[rows[kept]])
+    fit.fit_presses(rest, known, turning)
+    patterns, missed = fit.held_out(known, labels.folds[tried[kept]])
     report = {'sheet': {'missed': missed, 'presses': float(len(known))}}
     if missed > (NOT_THIS if described else recogniser.error):
         return presses, report
-    recogniser.model, recogniser.common, recogniser.turnings = fit.model, fit.model.common, ()
+    recogniser.model, recogniser.common = fit.model, fit.model.common
+    heads = recogniser.outlines or recogniser.library
     recogniser.error = float(np.clip(fit.expected(heads), *ERRORS))
     recogniser.refresh()
     outside = presses.pattern.copy()
-    outside[rows[kept]] = patterns
+    outside[tried[kept]] = patterns
     return replace(presses, pattern=outside), report
 
 
@@ -209,6 +221,30 @@ def class_heads(matches: Matches, label: Integers) -> Integers:
 def _spread_out(rows: npt.NDArray[np.intp], most: int) -> npt.NDArray[np.intp]:
     """At most so many of rows, evenly spread."""
     return rows[np.unique(np.linspace(0, len(rows) - 1, most).astype(int))] if len(rows) else rows
+
+
+def _turning(
+    recogniser: Recogniser, presses: Presses, heads: Integers, column: Integers | None
+) -> tuple[float, Matches]:
+    """Share of turns that magnets follow, and matches of the presses (n) on such a skin.
+
+    `heads` pressed, `column` (n,) says which of them each time; None: any of the library.
+    """
+    assert recogniser.model is not None
+    outlines = tuple(recogniser.outlines[i] for i in heads.tolist())
+    found = {}
+    for turning in TURNINGS:
+        other = copy(recogniser)
+        other.outlines, other.turnings = outlines, ()
+        other.model = replace(recogniser.model, turning=turning)
+        other.refresh()
+        matches = other.matches(presses)
+        assert matches is not None
+        each = np.arange(len(matches.cost))
+        cost = matches.cost.min(axis=1) if column is None else matches.cost[each, column]
+        found[turning] = float(np.median(cost)), matches
+    best = min(found, key=lambda turning: found[turning][0])
+    return best, found[best][1]
 
 
 def choose(
@@ -265,12 +301,15 @@ def _unaveraged(recogniser: Recogniser, presses: Presses, matches: Matches) -> f
     n = np.arange(len(presses.pattern))
     best = matches.cost.argmin(axis=1)
     fitted = matches.fitted[n, best].reshape(len(n), -1, 3)
-    here = np.square(fitted).sum(axis=2, keepdims=True)
+    miss = presses.pattern.reshape(fitted.shape) - fitted
+    here = np.square(fitted).sum(axis=2)
     quiet = here <= np.median(here, axis=1, keepdims=True)
-    miss = np.where(quiet, presses.pattern.reshape(fitted.shape) - fitted, np.nan)
-    square = np.square(miss - np.nanmedian(miss, axis=1, keepdims=True))
-    usual = np.nanmedian(square, axis=(1, 2)) / CHI_SQUARED_MIDDLE
-    usual -= np.square(recogniser.noise).mean() / presses.frames
+    middle = np.array(
+        [np.median(one[chips], axis=0) for one, chips in zip(miss, quiet, strict=True)]
+    )
+    square = np.square(miss - middle[:, None])
+    usual = np.array([np.median(one[chips]) for one, chips in zip(square, quiet, strict=True)])
+    usual = usual / CHI_SQUARED_MIDDLE - np.square(recogniser.noise).mean() / presses.frames
     least = LEAST_STILL * float(recogniser.noise.mean())
     return float(np.clip(np.sqrt(max(np.median(usual), 0.0)), least, recogniser.still_))
 
