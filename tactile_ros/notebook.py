@@ -81,7 +81,7 @@ class Calibration(Pipeline):
         if not run.baselines:
             _warn(f'{run.name} tells no tare of its run: the baseline is that of the calibration')
         elif not self.rest_.tared:
-            _warn(f'tares of {run.name} are not heeded: this calibration was fitted without rest')
+            _warn(f'tares of {run.name} are left out: this calibration was fitted without rest')
             run = replace(run, baselines=())
         return Follower(self, run.calibrations)(replace(run, contacts=None))
 

@@ -134,7 +134,7 @@ def test_batch_of_a_bag_heeds_the_tares_of_its_run_or_says_that_it_does_not(
         board.process_batch(untold)
     without = replace(presses, tare=None, truth={'position': presses.truth['position']})
     restless = tr.sensor('reskin_board').fit(without, estimator='grid_knn')
-    with pytest.warns(UserWarning, match='tares of pressed are not heeded'):
+    with pytest.warns(UserWarning, match='tares of pressed are left out'):
         restless.process_batch(recording)
 
 

@@ -44,7 +44,7 @@ COLUMNS = (
 )  # fmt: skip
 UNTARED = (
     'not told: when nothing touched, so this calibration takes readings as they are: it cannot be '
-    'tared, nor be replayed on a bag whose run was; tares of a contact_node without a calibration '
+    'tared, and a replay leaves tares out; tares of a contact_node without a calibration '
     'in the same bag would tell (of four frames or more), tare rows, or in_contact 0 at rest '
     '(--truth may be given twice)'
 )

@@ -181,7 +181,7 @@ class Follower:
         failures = failure_problems(self.pipeline)
         if self._unused_tares:
             why = 'this calibration was fitted without rest'
-            left_out += (f'{self._unused_tares} tares of the bag are not heeded: {why}',)
+            left_out += (f'{self._unused_tares} tares of the bag are left out: {why}',)
         return (*self._mismatch, *self._changes.problems, *failures, *left_out)
 
     @property
@@ -441,7 +441,7 @@ def with_tare_rows(loaded: LoadedRecording) -> tuple[Recording, str]:
     problem = f'{len(kept)} of {len(tares)} tares tell when nothing touched; {" and ".join(why)}'
     touched = recording.truth.get('in_contact')
     if touched is not None and (touched == 0).any() and 0 < np.count_nonzero(tare) < ENOUGH:
-        few = f'tares of fewer than {ENOUGH} frames in all are not heeded beside in_contact'
+        few = f'tares of fewer than {ENOUGH} frames in all are left out beside in_contact'
         return recording, f'{problem}; {few}' if why else few
     return (replace(recording, tare=tare) if tare.any() else recording), problem if why else ''
 

@@ -176,7 +176,7 @@ def test_tares_of_a_bag_that_tells_no_rest_are_left_out_and_told() -> None:
     found = held_out('grid_knn', lambda: spec.pipeline(None, 'grid_knn'), loaded)
     assert np.isfinite(found.states[0].position[:, 0]).all()
     untared = spec.pipeline(None, 'grid_knn').fit(run)
-    assert '1 tares of the bag are not heeded' in replay(loaded[0], untared).problems[0]
+    assert '1 tares of the bag are left out' in replay(loaded[0], untared).problems[0]
 
 
 def test_live_runs_are_compared_by_what_they_said() -> None:

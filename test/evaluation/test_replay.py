@@ -485,7 +485,7 @@ def test_tares_that_tell_nothing_new_change_nothing() -> None:
     knowing = replace(recording, truth={**recording.truth, 'in_contact': touched})
     kept, told = with_tare_rows(lived(knowing, before[:2]))
     assert kept.tare is None
-    assert told == 'tares of fewer than 30 frames in all are not heeded beside in_contact'
+    assert told == 'tares of fewer than 30 frames in all are left out beside in_contact'
     tared, _ = with_tare_rows(run)
     first, second, third = with_known_rests([tared, knowing, recording])
     assert (first, third) == (tared, recording)

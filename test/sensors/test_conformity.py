@@ -547,7 +547,7 @@ def test_every_subset_of_truth_ends_in_a_fit_or_in_one_sentence(
     toy: Toy, key: str, kind: str
 ) -> None:
     recording = toy.streams(6) if kind == 'streams' else toy.independent(48)
-    own = {name: recording.truth[name] for name in TOLD[key]}
+    own = {name: recording.truth[name] for name in TOLD.get(key, ('force', 'position'))}
     blank = {name: np.full_like(column, nothing(column)) for name, column in own.items()}
     for truth in (own, {}, blank, *({name: column} for name, column in own.items())):
         pipeline = toy.spec.pipeline(toy.config)  # type: ignore[arg-type]
