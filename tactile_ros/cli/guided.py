@@ -11,10 +11,12 @@ import csv
 import json
 import re
 import shlex
+import shutil
 import sys
 import threading
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -23,7 +25,13 @@ import numpy as np
 from tactile_ros.cli import interruptible
 from tactile_ros.cli.console import working
 from tactile_ros.devices.transport import SerialPort
-from tactile_ros.errors import DeviceError, DeviceTimeout, MissingPackageError, RecordingError
+from tactile_ros.errors import (
+    DeviceError,
+    DeviceTimeout,
+    MissingPackageError,
+    RecordingError,
+    TactileError,
+)
 from tactile_ros.evaluation import fleet
 from tactile_ros.evaluation.guided import (
     FOLDS,
@@ -49,7 +57,7 @@ from tactile_ros.evaluation.report import (
     provenance,
     write_report,
 )
-from tactile_ros.files import write_atomically
+from tactile_ros.files import temporary_folder, write_atomically
 from tactile_ros.types import Closing
 from tactile_ros.view.page_server import PageServer
 
@@ -59,15 +67,18 @@ if TYPE_CHECKING:
 
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.sensors import SensorSpec
-    from tactile_ros.types import Array, Frame, Recording, SensorConfig
+    from tactile_ros.types import Array, Frame, Layout, Recording, SensorConfig
 
 G = 9.80665  # m/s2
 UNKNOWN = np.full(3, np.nan)
 READ_S, SCALE_S = 1.0, 0.5
 PRESSES, ROUND, LEAST = 24, 8, 6  # of a plan; between two looks at the error; for the first look
 ROUNDS = 3  # in which places are pressed again
+MOST_PRESSES, MOST_HOLD_S, MOST_BYTES = 10_000, 30.0, 10_000_000
 NEWTONS = {'': 1e-3 * G, 'g': 1e-3 * G, 'kg': G, 'n': 1.0}
-READING = re.compile(rb'([-+]?)\s*(\d+(?:\.\d+)?)\s*(kg|g|N)?', re.IGNORECASE)
+READING = re.compile(  # a number of another unit is none
+    rb'([-+]?)\s*(\d+(?:\.\d+)?)\s*(?:(kg|g|N)\b|(?![\d.]|\s*[a-z]))', re.IGNORECASE
+)
 SESSION = 'session.json'
 SOURCES = 'prompts, weights:50,100,200 (g), scale:PORT or topic:/NAME'
 
@@ -77,6 +88,7 @@ class Truth(Closing):
 
     steady = True  # its forces count where a press is steady alone
     loads: tuple[float, ...] = ()  # (N) to be laid on, in turn
+    tells: tuple[str, ...] = ()  # columns of the truth that it measures
 
     def now(self) -> tuple[Array, Array | None]:
         """Force (3,) (N) and place (3,) (m) now; None: that of the target."""
@@ -84,6 +96,11 @@ class Truth(Closing):
 
     def follow(self, phase: Phase, number: int | None) -> None:
         """Take note of the phase and the number of the target."""
+
+    def silent(self, press: Recording) -> bool:
+        """Nothing came for a press from where something should come."""
+        told = [press.truth.get(name, UNKNOWN) for name in self.tells]
+        return not all(np.isfinite(column).any() for column in told)
 
     def close(self) -> None:
         """End."""
@@ -104,6 +121,8 @@ class Weights(Truth):
 
 class Scale(Truth):
     """A scale below the sensor that prints its reading (g, kg or N) in lines."""
+
+    tells = ('force',)
 
     def __init__(self, port: str) -> None:
         self._port, self._load, self._read_s = SerialPort(port, 9600), float('nan'), 0.0
@@ -148,11 +167,12 @@ class Topics(Truth):
         except ImportError as error:
             msg = 'topics need ROS 2; use weights, a scale or prompts, or set up with make'
             raise MissingPackageError(msg) from error
+        self.tells = ('force',) * bool(wrench) + ('position',) * bool(pose)
         self._topics = TruthTopics(wrench, pose)
 
     def now(self) -> tuple[Array, Array | None]:
         """Newest of both."""
-        return self._topics.force, self._topics.position
+        return self._topics.force, self._topics.place
 
     def close(self) -> None:
         """End the node."""
@@ -209,7 +229,9 @@ class Folder(NamedTuple):
 
     path: Path
 
-    def begin(self, stated: dict[str, object], *, overwrite: bool) -> list[tuple[int, Recording]]:
+    def begin(
+        self, stated: dict[str, object], layout: Layout, *, overwrite: bool
+    ) -> list[tuple[int, Recording]]:
         """Make the folder, or take the presses of a session that began with the same options.
 
         Raises
@@ -219,18 +241,41 @@ class Folder(NamedTuple):
         """
         file = self.path / SESSION
         if self.path.exists() and any(self.path.iterdir()):
-            found = json.loads(file.read_text()) if file.is_file() else None
+            found = self._stated()
             if found != stated and not (overwrite and file.is_file()):
                 what = 'a session with other options' if found else 'something else'
                 raise RecordingError(f'{self.path} holds {what}; name another output')
             if found == stated:
-                parts = map(load_recording, sorted(self.path.glob('press_*.npz')))
-                return [(int(one.truth['repetition'][0]), one) for one in parts]
+                count = len(stated.get('targets', ()))  # type: ignore[arg-type]
+                files = sorted(self.path.glob('press_*.npz'))[:MOST_PRESSES]
+                return [self._press(one, layout, count) for one in files]
             for old in self.path.glob('press_*.npz'):  # --overwrite, of a session of ours
                 old.unlink()
         self.path.mkdir(parents=True, exist_ok=True)
         write_atomically(file, json.dumps(stated, indent=1).encode())
         return []
+
+    def _stated(self) -> object:
+        """Options of the session that is there; None: there is none."""
+        file = self.path / SESSION
+        if not file.is_file():
+            return None
+        try:
+            with file.open('rb') as opened:
+                return json.loads(opened.read(MOST_BYTES))
+        except (ValueError, RecursionError) as error:
+            raise RecordingError(f'{file} is no session; name another output') from error
+
+    @staticmethod
+    def _press(file: Path, layout: Layout, count: int) -> tuple[int, Recording]:
+        """Number of the target and frames of a press of this session."""
+        press = load_recording(file)
+        number = press.truth.get('repetition', np.full(1, -1.0))[0]
+        places = press.layout.positions
+        same = press.layout.shape == layout.shape and np.allclose(places, layout.positions)
+        if not (same and 0 <= number < count):
+            raise RecordingError(f'{file} is no press of this session; name another output')
+        return int(number), press
 
     def write(self, count: int, press: Recording) -> None:
         """Write a press."""
@@ -251,6 +296,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     live.add_argument('--goal-n', type=float, help='error of forces that is wanted')
     live.add_argument('--seed', type=int, default=0, help='of the presses that are simulated')
     live.add_argument('--page', type=int, default=8765, help='port of the page (0: any)')
+
+
+def _refuse(options: argparse.Namespace) -> None:
+    """Raise ValueError for numbers that guide to nothing."""
+    for name, low, high in (
+        ('presses', 2, MOST_PRESSES), ('hold', 0.05, MOST_HOLD_S), ('page', 0, 65535),
+        ('goal_mm', 1e-6, 1e6), ('goal_n', 1e-6, 1e6),
+    ):  # fmt: skip
+        value = getattr(options, name)
+        if value is not None and not low <= value <= high:
+            word = name.replace('_', '-')
+            raise ValueError(f'--{word} must be {low:g} to {high:g}; received {value}')
+    if options.output.suffix != '.npz':
+        raise ValueError(f'-o must end in .npz; received {str(options.output)!r}')
+    if not options.port and (options.plan or options.pose):
+        raise ValueError('--plan and --pose need --port: a simulated sensor presses itself')
 
 
 def truth_of(options: argparse.Namespace, simulated: SimulatedPresses | None) -> Truth:
@@ -274,18 +335,22 @@ def targets_of(options: argparse.Namespace, spec: SensorSpec, config: SensorConf
     """Targets of a plan: those of a file, of the simulated presses, or a grid."""
     if isinstance(truth, SimulatedPresses):
         return truth.targets[: options.presses]
-    if options.plan is not None:
-        return read_plan(options.plan)
-    places = grid_of(spec.layout(config), options.presses)
     loads = truth.loads or (np.nan,)
-    return [Target(place, loads[i % len(loads)]) for i, place in enumerate(places)]
+    if options.plan is not None:
+        asked = read_plan(options.plan)
+    else:
+        asked = [Target(place) for place in grid_of(spec.layout(config), options.presses)]
+    return [
+        one if np.isfinite(one.load) else Target(one.position, loads[i % len(loads)])
+        for i, one in enumerate(asked)
+    ]
 
 
 def read_plan(path: Path) -> list[Target]:
     """Targets of a csv file; ValueError if it has no columns x and y of numbers."""
     try:
-        with path.open(newline='') as file:
-            rows = list(csv.DictReader(file))
+        with path.open(newline='', encoding='utf-8-sig') as file:  # tables begin with a mark
+            rows = list(islice(csv.DictReader(file), MOST_PRESSES + 1))
         targets = [
             Target(
                 np.array([float(row['x']), float(row['y']), float(row.get('z') or 0)]),
@@ -297,6 +362,10 @@ def read_plan(path: Path) -> list[Target]:
         raise ValueError(f'plan {path} must have columns x, y (m) of numbers: {error}') from error
     if not targets or not all(np.isfinite(one.position).all() for one in targets):
         raise ValueError(f'plan {path} must name places; received {len(targets)} rows')
+    if len(targets) > MOST_PRESSES:
+        raise ValueError(f'plan {path} must have at most {MOST_PRESSES} rows')
+    if any(one.load <= 0 for one in targets):
+        raise ValueError(f'plan {path} must have loads above zero (N), or none')
     return targets
 
 
@@ -313,9 +382,13 @@ class Judge:
         if not self._thread.is_alive():
             presses, targets = list(guide.presses), list(guide.targets)
             self._thread = threading.Thread(
-                target=self._work, args=(presses, targets), daemon=True
+                target=self._try, args=(presses, targets), daemon=True
             )
             self._thread.start()
+
+    def _try(self, presses: Sequence[tuple[int, Recording]], targets: Sequence[Target]) -> None:
+        with suppress(TactileError, ValueError, ArithmeticError):  # `finish` says why
+            self._work(presses, targets)
 
     def finish(self, guide: PressGuide) -> HeldOut:
         """Errors of all presses, waited for."""
@@ -332,6 +405,7 @@ class Judge:
 
 def run(options: argparse.Namespace, spec: SensorSpec, config: SensorConfig) -> Pipeline:
     """Guide through the presses, fit, write calibration, bag and report."""
+    _refuse(options)
     folder = Folder(options.output.with_suffix(''))
     recording = None if options.port else spec.presses(config, options.seed, noise=0.0)
     simulated = None if recording is None else SimulatedPresses(recording)
@@ -343,8 +417,8 @@ def run(options: argparse.Namespace, spec: SensorSpec, config: SensorConfig) -> 
             'targets': [[*map(float, one.position), one.load] for one in targets],
         }  # fmt: skip
         stated = json.loads(json.dumps(stated).replace('NaN', 'null'))
-        presses = folder.begin(stated, overwrite=options.overwrite)
         layout = spec.layout(config)
+        presses = folder.begin(stated, layout, overwrite=options.overwrite)
         guide = PressGuide(layout, targets, truth.steady, options.hold, presses)
         page = held.enter_context(PageServer(options.page))
         print(f'showing {page.address} ; Ctrl-C stops, the same command goes on', file=sys.stderr)
@@ -406,6 +480,8 @@ class Session:
                 self.log(problem)
         if press is not None:
             self.folder.write(len(guide.presses), press)
+            if self.truth.silent(press):
+                self.log('nothing came that tells the truth of this press: look at its source')
             if len(guide.presses) >= LEAST and len(guide.presses) % ROUND == 0:
                 self.judge.begin(guide)
         self.log(self.instruction())
@@ -422,7 +498,8 @@ class Session:
         place = f' at x {x:.1f}, y {y:.1f} mm' if np.isfinite(x) else ''
         load = f' with {1e3 * target.load / G:.0f} g' if np.isfinite(target.load) else ''
         said = {
-            Phase.REST: f'{guide.remark or guide.phase.value}',
+            Phase.REST: guide.remark or guide.phase.value,
+            Phase.RELEASE: guide.remark or guide.phase.value,
             Phase.PRESS: f'press{place}{load}', Phase.HOLD: f'hold{load}',
         }.get(guide.phase, guide.phase.value)  # fmt: skip
         return f'{len(guide.presses) + 1} of {guide.wanted.sum()}: {said}'
@@ -456,10 +533,14 @@ def finish(
     pipeline = spec.pipeline(config, options.estimator)
     with working(f'fitting {spec.key}'):
         pipeline.fit(whole)
-        pipeline.save(options.output)
+    if not pipeline.estimators:
+        names = ', '.join(sorted(whole.truth))
+        raise RecordingError(f'nothing can be learned from {folder.path}: truth has {names}')
+    pipeline.save(options.output)
     save_recording(whole, folder.path / 'presses.npz')
-    if not (folder.path / 'bag').exists():
-        write_bag(whole, folder.path / 'bag')
+    shutil.rmtree(folder.path / 'bag', ignore_errors=True)  # ours, of fewer presses or torn
+    with temporary_folder(folder.path / 'bag') as bag:
+        write_bag(whole, bag)
     groups = whole.truth['repetition']
     apart = np.isin(groups % FOLDS, 0)
     with working('drawing the report'):

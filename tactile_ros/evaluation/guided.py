@@ -49,9 +49,16 @@ LEAST_S = 0.3  # of a rest, whatever the rate is
 TOUCH_Z = 8.0  # largest change over noise of a touch; that of 2000 quiet taxels is below 5
 QUIET_Z = 4.0  # of half a rest against the other half
 IN_A_ROW = 3  # frames that say the same
-STEADY = 0.8  # of the largest change of a press: its hold
-RELEASED = 0.2  # of the same: nothing touches but creep is left
+STEADY = 0.2  # of the usual change while held: what a hold may differ from it
+WOBBLE_Z = 4.0  # of noise that it may always
+RELEASED = 0.2  # of the largest change of a press: nothing touches but creep is left
+LEFT = 0.5  # of the same, after `WAIT_S`: creep, a magnet that moved, but no weight that lies on
 MOST_S = 60.0  # of one press
+WAIT_S = 10.0  # for a rest or a release, before a remark
+LEAST_NOISE = 1e-6  # of the largest reading, where no reading changes: rounding is no touch
+TOO_SHORT = 'held too short: press there again'
+RESTLESS = 'the readings wander: let go, keep magnets and cables away'
+NOT_BACK = 'let go: the readings do not come back (if nothing touches, begin again)'
 FOLDS = 4
 WORSE = 2.0  # times the median: a place to press again
 RIM = 0.75  # of the farthest target from the middle
@@ -103,6 +110,11 @@ def mean_of(rows: Array) -> Array:
     return np.asarray(np.where(known, rows, 0.0).sum(axis=0) / count)
 
 
+def spread_of(rows: Array) -> Array:
+    """Standard deviation of rows (s, ...) where they are measured; NaN where none is."""
+    return np.sqrt(mean_of(np.square(rows - mean_of(rows))))
+
+
 @dataclass(frozen=True)
 class Preflight:
     """Noise (t, c) of untouched frames, and what is wrong with the sensor, in sentences."""
@@ -117,9 +129,9 @@ class Preflight:
         status = np.array([
             np.zeros(layout.shape[0], np.uint8) if f.status is None else f.status for f in frames
         ])
-        noise = np.nanstd(np.diff(values, axis=0), axis=0) / np.sqrt(2)  # a slow touch is none
-        read = noise[noise > 0]
-        usual = float(np.median(read)) if len(read) else 0.0
+        noise = spread_of(np.diff(values, axis=0)) / np.sqrt(2)  # a slow touch is none
+        read, most = noise[noise > 0], float(np.nanmax(np.abs(values), initial=0.0))
+        usual = float(np.median(read)) if len(read) else LEAST_NOISE * most
         still = (np.nan_to_num(noise) == 0).all(axis=1)
         dead = still | ((status & TaxelStatus.DEAD) > 0).all(axis=0)
         full = ((status & TaxelStatus.SATURATED) > 0).any(axis=0)
@@ -127,12 +139,13 @@ class Preflight:
         problems = [
             f'taxels {np.flatnonzero(found).tolist()} {what}'
             for found, what in (
-                (dead, 'do not change: they are dead'), (full, 'are saturated at rest'),
+                (dead, 'do not change at rest: dead, or their steps are too coarse to tell'),
+                (full, 'are saturated at rest'),
                 (loud, 'are ten times as noisy as the others'),
             )
             if found.any()
         ]  # fmt: skip
-        if layout.unit == 'T' and len(layout.channels) == 3:
+        if layout.unit == 'T' and len(layout.channels) == 3 and np.isfinite(values).any():
             field_t = float(np.linalg.norm(np.nanmedian(values, axis=(0, 1))))
             problems.append(f'uniform field at rest: {1e6 * field_t:.0f} uT (magnets and stray)')
         return cls(np.where(noise > 0, noise, max(usual, np.finfo(float).tiny)), tuple(problems))
@@ -173,7 +186,12 @@ class PressGuide:
         self._checked: list[Frame] = []
         self._pressed: list[tuple[Frame, Array, Array]] = []
         self._sizes: list[float] = []
-        self._hold, self._most = round(self.hold_s * rate_hz), round(MOST_S * rate_hz)
+        self._wandered: deque[Array] = deque(maxlen=200)  # some readings of a long wait
+        self._noise = np.zeros(self.layout.shape)
+        self._held, self._peak = np.nan, 0.0  # usual size while it was held; largest size
+        self._waited, self._wait = 0, round(WAIT_S * rate_hz)  # frames
+        self._level, self._often = UNKNOWN, max(1, count // 10)
+        self._hold, self._most = max(1, round(self.hold_s * rate_hz)), round(MOST_S * rate_hz)
 
     @property
     def number(self) -> int | None:
@@ -192,93 +210,141 @@ class PressGuide:
     ) -> Recording | None:
         """Take a frame with the force (3,) (N) and the place (3,) (m) that are true now.
 
-        `position` None: that of the target. Returns the press that was kept now.
+        `position` None: that of the target; NaN: unknown. Returns the press that was kept now.
         """
         if self.phase is Phase.CHECK:
             self._check(frame)
-            return None
-        if self.phase is Phase.DONE:
-            return None
-        place = UNKNOWN if position is None else position
-        if self.phase is Phase.REST:
-            self._rest.append((frame, force))
-            self._sizes.clear()
-            self._pressed.clear()
-            if self.number is None:
-                self.phase = Phase.DONE
-            elif self._is_quiet():
-                self.phase = Phase.PRESS
-            return None
-        return self._follow(frame, force, place)
+        elif self.phase is Phase.REST:
+            self._wait_for_quiet(frame, force)
+        elif self.phase is not Phase.DONE and np.isfinite(frame.values).any():
+            return self._follow(frame, force, position)
+        return None
 
     def _check(self, frame: Frame) -> None:
         self._checked.append(frame)
         if len(self._checked) >= CHECK_FRAMES:
             self.preflight = Preflight.of(self.layout, self._checked)
-            self.phase = Phase.REST
+            self._noise, self.phase = self.preflight.noise, Phase.REST
 
-    def _noise(self) -> Array:
+    def _wait_for_quiet(self, frame: Frame, force: Array) -> None:
+        self._rest.append((frame, force))
+        self._sizes.clear()
+        self._pressed.clear()
+        self._waited += 1
+        if self._waited % self._often == 0:
+            self._wandered.append(frame.values)
+        if self.number is None:
+            self.phase, self._waited = Phase.DONE, 0
+        elif self._waited % self._often == 0 and self._is_quiet():
+            self.phase, self._waited, self._level = Phase.PRESS, 0, mean_of(self._rested())
+            self._wandered.clear()
+            if self.remark == RESTLESS:
+                self.remark = ''
+        elif self._waited % self._wait == 0:  # slow noise, which the check cannot tell from drift
+            self.remark = RESTLESS
+            self._measure_noise()
+
+    def _measure_noise(self) -> None:
         assert self.preflight is not None
-        return self.preflight.noise
+        self._noise = np.fmax(self.preflight.noise, spread_of(np.array(self._wandered)))
+
+    def _rested(self) -> Array:
+        return np.array([frame.values for frame, _ in self._rest])
 
     def _is_quiet(self) -> bool:
         """A whole rest, the halves of which agree within noise."""
         if len(self._rest) < (self._rest.maxlen or 0):
             return False
-        values = np.array([frame.values for frame, _ in self._rest])
+        values = self._rested()
         half = len(values) // 2
         moved = mean_of(values[:half]) - mean_of(values[half:])
-        z = np.abs(moved) / (self._noise() * np.sqrt(2 / half))
-        return bool(np.nanquantile(z, 0.9) < QUIET_Z)
+        z = np.abs(moved) / (self._noise * np.sqrt(2 / half))
+        known = z[np.isfinite(z)]
+        return len(known) > 0 and bool(np.quantile(known, 0.9) < QUIET_Z)
 
     def _size(self, frame: Frame) -> float:
         """Largest change since the rest over noise."""
-        level = mean_of(np.array([one.values for one, _ in self._rest]))
-        z = np.abs(frame.values - level) / self._noise()
-        return float(np.nanmax(z, initial=0.0))
+        z = np.abs(frame.values - self._level) / self._noise
+        return float(np.max(z, initial=0.0, where=np.isfinite(z)))
 
-    def _follow(self, frame: Frame, force: Array, position: Array) -> Recording | None:
+    def _follow(self, frame: Frame, force: Array, position: Array | None) -> Recording | None:
         size = self._size(frame)
-        touched = size > TOUCH_Z
-        if self.phase is Phase.PRESS and not touched:
-            self._pressed.clear()
-            self._sizes.clear()
-            if len(self._rest) == self._rest.maxlen:  # the rest goes on while nothing touches
-                self._rest.append((frame, force))
+        if self.phase is Phase.PRESS and size <= TOUCH_Z:
+            self._go_on_resting(frame, force)
             return None
-        self._pressed.append((frame, force, position))
-        self._sizes.append(size)
-        sizes = np.array(self._sizes)
-        if self.phase is Phase.PRESS and len(sizes) >= IN_A_ROW:
-            self.phase = Phase.HOLD
-        peak = float(np.median(np.sort(sizes)[-IN_A_ROW:]))
-        steady = sizes >= STEADY * peak
-        if self.phase is Phase.HOLD:
-            gone = (sizes[-IN_A_ROW:] < max(RELEASED * peak, TOUCH_Z)).all()
-            if steady[-self._hold :].sum() >= self._hold:
-                self.phase = Phase.RELEASE
-            elif gone or len(sizes) > self._most:
-                self.remark, self.phase = 'held too short: press there again', Phase.REST
-                self._rest.clear()
-        elif self.phase is Phase.RELEASE and (
-            sizes[-IN_A_ROW:] < max(RELEASED * peak, TOUCH_Z)
-        ).all():
-            return self._keep(steady)
+        if len(self._sizes) < self._most or self.phase is Phase.HOLD:
+            place = self.targets[self.number or 0].position if position is None else position
+            self._pressed.append((frame, force, place))
+            self._sizes.append(size)
+        else:  # nobody lets go
+            self._sizes[-IN_A_ROW:] = [*self._sizes[1 - IN_A_ROW :], size]
+        if self.phase is Phase.PRESS:
+            if len(self._sizes) >= IN_A_ROW:
+                self.phase, self.remark = Phase.HOLD, ''
+                self._held, self._peak, self._waited = np.nan, 0.0, 0
+        elif self.phase is Phase.HOLD:
+            self._look_at_hold()
+        elif self._is_gone():
+            return self._keep()
         return None
 
-    def _keep(self, steady: Bools) -> Recording:
-        """Rest and press as a recording, labelled where the press is steady."""
+    def _go_on_resting(self, frame: Frame, force: Array) -> None:
+        self._pressed.clear()
+        self._sizes.clear()
+        self._rest.append((frame, force))
+        self._waited += 1
+        if self._waited % self._often == 0:  # seldom, as a large layout takes time
+            self._level = mean_of(self._rested())
+            self._wandered.append(frame.values)
+        checked = self.preflight is not None and self._noise is self.preflight.noise
+        if self._waited % self._wait == 0 and not checked:
+            self._measure_noise()
+
+    def _look_at_hold(self) -> None:
+        last = np.array(self._sizes[-self._hold :])
+        level = float(np.median(last))
+        if len(last) >= self._hold and self._even(last, level).all():
+            self._held, self.phase = level, Phase.RELEASE
+        elif self._is_gone() or len(self._sizes) > self._most:
+            self.phase = Phase.RELEASE  # what still presses must not be the next rest
+
+    def _even(self, sizes: Array, level: float) -> Bools:
+        return np.asarray(np.abs(sizes - level) <= max(STEADY * level, WOBBLE_Z))
+
+    def _is_gone(self) -> bool:
+        """Nothing touches any more."""
+        recent = self._sizes[-IN_A_ROW:]
+        self._peak = max(self._peak, min(recent))
+        releasing, held = self.phase is Phase.RELEASE, np.isfinite(self._held)
+        self._waited = self._waited + 1 if releasing else 0
+        late = self._waited > self._wait
+        if late:
+            self.remark = NOT_BACK
+        share = LEFT if late and held else RELEASED
+        return max(recent) < max(share * (self._held if held else self._peak), TOUCH_Z)
+
+    def _keep(self) -> Recording | None:
+        """Rest and press as a recording, labelled where the press is steady; None: it was none."""
         number = self.number
-        assert number is not None
+        kept = number is not None and np.isfinite(self._held)
+        self.remark = '' if kept else TOO_SHORT
+        press = self._labelled(number) if number is not None and kept else None
+        if press is not None and number is not None:
+            self.presses.append((number, press))
+        self.phase, self._waited = Phase.REST, 0
+        self._rest.clear()
+        return press
+
+    def _labelled(self, number: int) -> Recording:
         target, rests = self.targets[number], len(self._rest)
         frames = [*(f for f, _ in self._rest), *(f for f, _, _ in self._pressed)]
+        steady = self._even(np.array(self._sizes[: len(self._pressed)]), self._held)
         held = np.r_[np.zeros(rests, bool), steady]
         position = np.full((len(frames), 3), np.nan)
         position[rests:] = [place for _, _, place in self._pressed]
-        position = np.where(np.isnan(position), target.position, position)
         position[~held] = np.nan
         force = np.array([f for _, f in self._rest] + [f for _, f, _ in self._pressed])
-        force = force - np.nan_to_num(mean_of(force[:rests]))
+        force = force - mean_of(force[:rests])  # unknown at rest: unknown
         if np.isfinite(target.load):
             force = np.where(held[:, None], [0.0, 0.0, target.load], np.nan)
         elif self.steady_truth:
@@ -292,19 +358,16 @@ class PressGuide:
         if np.isfinite(force).any():
             truth['force'] = np.where(tare[:, None], np.nan, force)
         plain = Recording.from_frames(self.layout, frames, tare=tare)
-        press = Recording.from_arrays(
+        return Recording.from_arrays(
             self.layout, plain.values, plain.stamp_ns, temperature_c=plain.temperature_c,
             status=plain.status, tare=tare, truth=truth,
         )
-        self.presses.append((number, press))
-        self.remark, self.phase = '', Phase.REST
-        self._rest.clear()
-        return press
 
     def repeat(self, numbers: Sequence[int]) -> None:
         """Ask for one more press at each of some targets."""
         self.wanted[numbers] = self.counts[numbers] + 1
-        self.phase = Phase.REST
+        self.phase, self._waited = Phase.REST, 0
+        self._rest.clear()
 
 
 def joined(presses: Sequence[tuple[int, Recording]], targets: Sequence[Target]) -> Recording:

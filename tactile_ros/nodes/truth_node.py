@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import threading
+import time
 
 import numpy as np
 import rclpy
@@ -17,16 +18,24 @@ from rclpy.utilities import try_shutdown
 from tactile_ros.messages import vector
 from tactile_ros.types import Array, Closing
 
+FRESH_S = 0.5  # that a message counts
+UNKNOWN = np.full(3, np.nan)
+
+
+def _fresh(came_s: float, value: Array) -> Array:
+    """Value that came at a monotonic time (s); NaN where that is long ago."""
+    return value if time.monotonic() - came_s < FRESH_S else UNKNOWN
+
 
 class TruthTopics(Closing):
     """Newest force (3,) (N) and place (3,) (m) of two topics, each listened to where it is named.
 
-    `position` is None without a topic; what has not come yet is NaN.
+    What has not come yet, or for half a second, is NaN.
     """
 
     def __init__(self, wrench: str, pose: str) -> None:
-        self.force: Array = np.full(3, np.nan)
-        self.position: Array | None = np.full(3, np.nan) if pose else None
+        self._force, self._place = (0.0, UNKNOWN), (0.0, UNKNOWN)  # with the time of arrival (s)
+        self._pose = bool(pose)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self._node = Node('tactile_truth')
         for topic, kind, take in (
@@ -39,6 +48,16 @@ class TruthTopics(Closing):
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
 
+    @property
+    def force(self) -> Array:
+        """Newest force."""
+        return _fresh(*self._force)
+
+    @property
+    def place(self) -> Array | None:
+        """Newest place; None without its topic."""
+        return _fresh(*self._place) if self._pose else None
+
     def _spin(self) -> None:
         try:
             self._executor.spin()
@@ -46,10 +65,10 @@ class TruthTopics(Closing):
             return
 
     def _take_force(self, message: WrenchStamped) -> None:
-        self.force = np.array(vector(message.wrench.force))
+        self._force = (time.monotonic(), np.array(vector(message.wrench.force)))
 
     def _take_place(self, message: PoseStamped) -> None:
-        self.position = np.array(vector(message.pose.position))
+        self._place = (time.monotonic(), np.array(vector(message.pose.position)))
 
     def close(self) -> None:
         """End the node."""

@@ -198,8 +198,9 @@ class PageServer(Closing):
         self.closed = False
         try:
             self._server = Server((HOST, port), Handler)
-        except OSError as error:
-            msg = f'port {port} cannot be served: {error.strerror}; --port 0 takes any free one'
+        except (OSError, OverflowError) as error:
+            why = getattr(error, 'strerror', error)
+            msg = f'port {port} cannot be served: {why}; --port 0 takes any free one'
             raise TactileError(msg) from error
         self._server.page = self
         self.port: int = self._server.server_address[1]

@@ -20,10 +20,12 @@ from tactile_ros.evaluation.fleet import open_calibration
 from tactile_ros.evaluation.guided import Phase
 from tactile_ros.evaluation.recording_files import load, load_recording
 from tactile_ros.sensors import load_sensor
+from tactile_ros.types import Layout, Recording
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+LAYOUT = Layout(np.zeros((2, 3)), ('output',), '1')
 COMMAND = [
     'calibrate', '--live', '--sensor', 'reskin_board', '--page', '0', '--presses', '6', '--hold',
     '0.2', '--estimator', 'ridge', '-o', 'my.npz',
@@ -81,12 +83,19 @@ def test_live_goes_on_after_an_interrupt_and_writes_everything(
     [
         (['--live', '-o', 'a.npz'], 'calibrate needs a sensor'),
         (['--live', 'my.npz', 'b.npz', '-o', 'a.npz'], 'calibrate needs a sensor'),
-        (['--live', '--sensor', 'reskin_board', '--port', 'x', '--truth', 'weights:0', '-o', 'a'],
+        (['--live', '--sensor', 'reskin_board', '--port', 'x', '--truth', 'weights:0', '-o',
+          'a.npz'],
          'weights must be grams'),
-        (['--live', '--sensor', 'reskin_board', '--port', 'x', '--truth', 'lead', '-o', 'a'],
+        (['--live', '--sensor', 'reskin_board', '--port', 'x', '--truth', 'lead', '-o', 'a.npz'],
          '--truth of --live must be prompts'),
-        (['--live', '--sensor', 'reskin_board', '--port', 'x', '--plan', 'no.csv', '-o', 'a'],
+        (['--live', '--sensor', 'reskin_board', '--port', 'x', '--plan', 'no.csv', '-o', 'a.npz'],
          'no.csv'),
+        (['--live', '--sensor', 'reskin_board', '-o', 'a'], '-o must end in .npz'),
+        (['--live', '--sensor', 'reskin_board', '--presses', '0', '-o', 'a.npz'], '--presses'),
+        (['--live', '--sensor', 'reskin_board', '--hold', 'inf', '-o', 'a.npz'], '--hold'),
+        (['--live', '--sensor', 'reskin_board', '--goal-mm', 'nan', '-o', 'a.npz'], '--goal-mm'),
+        (['--live', '--sensor', 'reskin_board', '--page', '99999', '-o', 'a.npz'], '--page'),
+        (['--live', '--sensor', 'reskin_board', '--plan', 'no.csv', '-o', 'a.npz'], 'need --port'),
     ],
 )  # fmt: skip
 def test_live_refuses_what_it_cannot_do(
@@ -104,7 +113,11 @@ def test_plan_names_places_and_loads(tmp_path: Path) -> None:
     np.testing.assert_array_equal(first.position, [0.001, 0.002, 0.0])
     assert np.isnan(first.load)
     assert second.load == 1.5
-    for text in ('a,b\n1,2\n', 'x,y\n1,two\n', 'x,y\n', 'x,y\n1,inf\n', '\x00\xff'):
+    file.write_text('\ufeffx,y\n1,2\n', 'utf-8')  # as tables write it
+    assert len(read_plan(file)) == 1
+    for text in (
+        'x,y,load\n1,2,-1\n', 'a,b\n1,2\n', 'x,y\n1,two\n', 'x,y\n', 'x,y\n1,inf\n', '\x00\xff'
+    ):  # fmt: skip
         file.write_text(text, 'latin-1')
         with pytest.raises(ValueError, match='plan'):
             read_plan(file)
@@ -114,8 +127,26 @@ def test_folder_of_something_else_is_refused(tmp_path: Path) -> None:
     (tmp_path / 'mine.txt').write_text('mine')
     for overwrite in (False, True):
         with pytest.raises(RecordingError, match='something else'):
-            Folder(tmp_path).begin({}, overwrite=overwrite)
+            Folder(tmp_path).begin({}, LAYOUT, overwrite=overwrite)
     assert [path.name for path in tmp_path.iterdir()] == ['mine.txt']
+
+
+def test_folder_of_wrong_files_is_refused(tmp_path: Path) -> None:
+    stated = {'targets': [[0, 0, 0, None]]}
+    for text in ('{{{', '[' * 200_000, '\xff'):
+        (tmp_path / 'session.json').write_text(text, 'latin-1')
+        with pytest.raises(RecordingError, match='no session'):
+            Folder(tmp_path).begin(stated, LAYOUT, overwrite=False)
+    (tmp_path / 'session.json').write_text(json.dumps(stated))
+    other = Layout(LAYOUT.positions[:1], ('output',), '1')
+    for layout, truth in (
+        (other, {'repetition': np.zeros(2)}), (LAYOUT, {}), (LAYOUT, {'repetition': np.ones(2)}),
+        (LAYOUT, {'repetition': np.full(2, np.nan)}),
+    ):  # fmt: skip
+        press = Recording.from_arrays(layout, np.zeros((2, *layout.shape)), truth=truth)
+        Folder(tmp_path).write(1, press)
+        with pytest.raises(RecordingError, match='no press of this session'):
+            Folder(tmp_path).begin(stated, LAYOUT, overwrite=False)
 
 
 @pytest.mark.parametrize(
@@ -134,6 +165,14 @@ def test_scale_reads_lines_and_falls_silent(
         while np.isfinite(scale.now()[0][2]) and time.monotonic() < end:
             pass
         assert np.isnan(scale.now()[0]).all()
+
+
+def test_scale_in_other_units_is_not_read() -> None:
+    for line in (b'5.5 lb', b'55 oz', b'12 mg'):
+        assert guided.READING.search(line) is None
+    found = guided.READING.search(b'ST,GS,+  102.0 g net')
+    assert found is not None
+    assert found.groups() == (b'+', b'102.0', b'g')
 
 
 def test_weights_are_laid_on_in_turn() -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pytest
 
 from tactile_ros.evaluation.guided import (
     CHECK_FRAMES,
@@ -135,6 +136,76 @@ def test_guide_refuses_a_press_that_is_too_short() -> None:
     assert (len(guide.presses), guide.remark) == (1, '')
 
 
+def test_guide_labels_no_press_that_overshoots_and_no_force_without_its_rest() -> None:
+    guide = guide_of(Target(PLACES[5], load=1.0), Target(PLACES[5]))
+    skin = Skin(guide)
+    skin.until(Phase.PRESS)
+    for one in [4.0] * 8 + [1.0] * 60 + [0.0] * 10:  # a weight that is dropped
+        guide.step(skin.next(one))
+    held = guide.presses[0][1].truth['in_contact'] == 1
+    assert 30 <= held.sum() <= 60
+    assert not held[30:38].any()
+    # a scale that was silent at rest says nothing of the press: its offset is unknown
+    while guide.phase is not Phase.PRESS:
+        guide.step(skin.next(0.0))
+    skin.press(1.0)
+    assert 'force' in guide.presses[0][1].truth
+    guide = guide_of(Target(PLACES[5]))
+    skin = Skin(guide)
+    while guide.phase is not Phase.PRESS:
+        guide.step(skin.next(0.0))
+    skin.press(1.0)
+    assert 'force' not in guide.presses[0][1].truth
+
+
+def test_guide_takes_no_weight_that_lies_on_for_the_next_rest() -> None:
+    guide = guide_of(Target(PLACES[5]), Target(PLACES[6]))
+    skin = Skin(guide)
+    skin.until(Phase.PRESS)
+    skin.until(Phase.RELEASE, 1.0)
+    for _ in range(9000):
+        guide.step(skin.next(1.0))
+    assert (guide.phase, len(guide.presses)) == (Phase.RELEASE, 0)
+    assert guide.remark.startswith('let go: the readings do not come back')
+    assert len(guide._pressed) <= 6000  # nothing grows
+    skin.until(Phase.REST)
+    assert len(guide.presses) == 1
+    # creep that stays is no weight: it ends after a while
+    skin.until(Phase.PRESS)
+    skin.until(Phase.RELEASE, 1.0)
+    for _ in range(1000):
+        guide.step(skin.next(0.4))
+    skin.until(Phase.REST, 0.4)
+    assert len(guide.presses) == 2
+
+
+@pytest.mark.parametrize('level', [0.0, 0.1, 100.3])
+def test_guide_sees_touches_of_a_sensor_without_noise(level: float) -> None:
+    guide = guide_of(Target(PLACES[5]))
+    for i in range(400):
+        values = np.full((16, 1), level)
+        values[3] = np.nan  # dead
+        values[5] += guide.phase in (Phase.PRESS, Phase.HOLD) and i > 200
+        guide.step(Frame(i, i, values))
+        assert i > 200 or guide.phase in (Phase.CHECK, Phase.REST, Phase.PRESS)
+    assert (guide.phase, len(guide.presses)) == (Phase.DONE, 1)
+
+
+def test_guide_learns_slow_noise_and_waits_for_readings() -> None:
+    guide, rng, values = guide_of(Target(PLACES[5])), np.random.default_rng(0), np.zeros((16, 1))
+    phases = set()
+    for i in range(3000):
+        values = 0.98 * values + 0.2 * rng.normal(size=(16, 1))
+        guide.step(Frame(i, i, values))
+        phases.add(guide.phase)
+    assert phases == {Phase.CHECK, Phase.REST, Phase.PRESS}
+    guide = guide_of(Target(PLACES[5]))
+    for i in range(2000):
+        guide.step(Frame(i, i, np.full((16, 1), np.nan)))
+    assert guide.phase is Phase.REST
+    assert guide.remark.startswith('the readings wander')
+
+
 def test_guide_asks_again_and_goes_on_after_a_crash() -> None:
     first = pressed((1.0, 2.0))
     again = guide_of(*first.targets, presses=first.presses[:1])
@@ -162,7 +233,8 @@ def test_preflight_names_what_is_wrong() -> None:
     status = np.array([0, 0, 0, TaxelStatus.SATURATED], np.uint8)
     found = Preflight.of(layout, [Frame(i, i, one, status=status) for i, one in enumerate(values)])
     assert found.problems == (
-        'taxels [1] do not change: they are dead', 'taxels [3] are saturated at rest',
+        'taxels [1] do not change at rest: dead, or their steps are too coarse to tell',
+        'taxels [3] are saturated at rest',
         'taxels [2] are ten times as noisy as the others',
         'uniform field at rest: 52 uT (magnets and stray)',
     )  # fmt: skip

@@ -19,7 +19,7 @@ def test_topics_give_the_newest_force_and_place() -> None:
     import rclpy
     from geometry_msgs.msg import PoseStamped, WrenchStamped
 
-    from tactile_ros.nodes.truth_node import TruthTopics
+    from tactile_ros.nodes.truth_node import FRESH_S, TruthTopics
 
     with TruthTopics('/ft', '/tip') as truth:
         assert np.isnan(truth.force).all()
@@ -32,13 +32,16 @@ def test_topics_give_the_newest_force_and_place() -> None:
         ]
         end = time.monotonic() + 20
         while time.monotonic() < end and (
-            np.isnan(truth.force).any() or np.isnan(truth.position).any()
+            np.isnan(truth.force).any() or np.isnan(truth.place).any()
         ):
             for publisher, message in publishers:
                 publisher.publish(message)
             time.sleep(0.02)
         node.destroy_node()
         np.testing.assert_array_equal(truth.force, [0, 0, 2.5])
-        np.testing.assert_array_equal(truth.position, [0.004, 0, 0])
+        np.testing.assert_array_equal(truth.place, [0.004, 0, 0])
+        time.sleep(FRESH_S + 0.1)  # nobody publishes any more
+        assert np.isnan(truth.force).all()
+        assert np.isnan(truth.place).all()
     with TruthTopics('/ft', '') as alone:
-        assert alone.position is None
+        assert alone.place is None
