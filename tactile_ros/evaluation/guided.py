@@ -181,7 +181,7 @@ class PressGuide:
     def __post_init__(self) -> None:
         rate_hz = self.layout.rate_hz or 100.0
         count = max(TARE_FRAMES, round(LEAST_S * rate_hz))
-        self.wanted = np.ones(len(self.targets), np.int64)  # presses of each target
+        self.wanted = np.maximum(1, self.counts)  # presses of each target
         self._rest: deque[tuple[Frame, Array]] = deque(maxlen=count)
         self._checked: list[Frame] = []
         self._pressed: list[tuple[Frame, Array, Array]] = []

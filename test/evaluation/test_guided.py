@@ -210,6 +210,8 @@ def test_guide_asks_again_and_goes_on_after_a_crash() -> None:
     first = pressed((1.0, 2.0))
     again = guide_of(*first.targets, presses=first.presses[:1])
     assert again.number == 1
+    twice = guide_of(*first.targets, presses=[*first.presses[:1]] * 2)
+    assert (twice.number, twice.wanted.tolist()) == (1, [2, 1])
     first.repeat([1])
     assert (first.number, first.phase) == (1, Phase.REST)
     assert first.wanted.tolist() == [1, 2]
