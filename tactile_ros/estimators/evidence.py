@@ -130,22 +130,22 @@ def learn_noise(
     for state in states:
         off = (fit.states - model.state)[rows, state] / sigma[state]
         variance = influence.state_variance[rows, state] / sigma[state] ** 2
-        sigma[state] *= _widening(off, np.diag(variance))
+        sigma[state] *= _widening(off, variance)
     for name in range(int(groups.max()) + 1):
         own = np.flatnonzero((groups == name) & (width > 0))
         if len(own):
             off = (fit.parameters - model.parameters)[own] / width[own]
             covariance = fit.covariance[np.ix_(own, own)] / np.outer(width[own], width[own])
-            width[own] *= _widening(off, covariance)
+            size, ways = np.linalg.eigh(covariance)
+            width[own] *= _widening(ways.T @ off, size)
     return replace(model, answer_noise=noise, state_sigma=sigma, parameter_sigma=width)
 
 
-def _widening(off: Array, covariance: Array) -> float:
-    """Factor of a prior's sigma with most evidence; mean and covariance in units of the prior."""
-    size, ways = np.linalg.eigh(covariance)
-    size = np.clip(size, 1e-12, 1.0)[:, None]
+def _widening(off: Array, variance: Array) -> float:
+    """Factor of a prior's sigma with most evidence; independent values, in units of the prior."""
+    size = np.clip(variance, 1e-12, 1.0)[:, None]
     told = 1 / size - 1  # information of what is beside this prior
-    square = ((ways.T @ off)[:, None] / size) ** 2
+    square = (off[:, None] / size) ** 2
     wide = FACTORS**2
     evidence = 0.5 * (square * wide / (1 + told * wide) - np.log1p(told * wide)).sum(axis=0)
     return float(FACTORS[np.argmax(evidence - HYPER * np.log(FACTORS) ** 2)])

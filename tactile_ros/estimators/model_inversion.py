@@ -364,7 +364,7 @@ class Equations:
         except LinAlgError:
             return None
         right = np.concatenate([self.b, self.gx[..., None]], axis=2) * self.size[..., None]
-        half = np.linalg.solve(self.factor, right)
+        half = _forward_substituted(self.factor, right)
         flat = half.reshape(-1, half.shape[2])
         cross = flat.T @ flat
         c = self.c + damping * np.diag(np.diag(self.c)) - cross[:-1, :-1]
@@ -383,6 +383,15 @@ class Equations:
         x, upper = self.x.copy(), np.swapaxes(self.factor, 1, 2)
         x[:, self.free] += self.size * np.linalg.solve(upper, right[..., None])[..., 0]
         return x, self.p + change
+
+
+def _forward_substituted(lower: Array, right: Array) -> Array:
+    """Solutions (s, n, k) of lower triangular systems (s, n, n), all s at once."""
+    found = right.copy()
+    for i in range(lower.shape[1]):
+        found[:, i] -= (lower[:, i, None, :i] @ found[:, :i])[:, 0]
+        found[:, i] /= lower[:, i, i, None]
+    return found
 
 
 def calibrate(
