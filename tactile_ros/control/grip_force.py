@@ -7,8 +7,7 @@ needs to react than the stiffest object yields under `IMPACT` asked forces.
 
 Fingers that oppose each other on a free object would push it to the weaker sensor: the part of
 their errors that pushes counts by `NET` until all are settled, for `NET_TIME` at most; afterwards
-only errors that leave the object where it is are regulated, and no raise closes further against a
-side whose drive can give no more.
+only errors that leave the object where it is are regulated.
 """
 
 from __future__ import annotations
@@ -446,8 +445,6 @@ class GripForce:
         pushes = self._since < NET_TIME and not self._has_settled
         for finger in sided:
             finger.regulated -= (1.0 - NET if pushes else 1.0) * finger.side * net
-        if not pushes and self._targets.raised:
-            _yield_to_stops(sided)
         ratios = [(f.normal - f.sigma) / max(f.target, SAME) for f in sided]
         over = STRONGEST - max(ratios)
         strong = sided[ratios.index(max(ratios))].side
@@ -540,20 +537,6 @@ class GripForce:
 def _pressing(fingers: Sequence[Finger]) -> list[Finger]:
     """Touching fingers whose force is known."""
     return [finger for finger in fingers if finger.pressing]
-
-
-def _yield_to_stops(sided: list[Finger]) -> None:
-    """Take the squeeze from errors of fingers that face one whose drive can give no more.
-
-    What it cannot hold against would walk the object to its side.
-    """
-    for side in (1, -1):
-        facing = [finger for finger in sided if finger.side == -side]
-        if any(finger.law.stop and finger.regulated > 0.0 for finger in facing):
-            own = [finger for finger in sided if finger.side == side]
-            squeeze = max(_mean([finger.regulated for finger in own]), 0.0)
-            for finger in own:
-                finger.regulated -= squeeze
 
 
 def _mean(values: list[float]) -> float:

@@ -86,11 +86,6 @@ class GripTargets:
             self._share(press)
 
     @property
-    def raised(self) -> bool:
-        """Judge whether slip or load ask for more than was asked for."""
-        return self._raise > 1.0
-
-    @property
     def strongest(self) -> float:
         """Largest force (N) that a finger is asked for."""
         return max(finger.asked for finger in self._fingers)
@@ -103,9 +98,8 @@ class GripTargets:
     def grow(self, full: bool, dt: float) -> bool:
         """Move towards what is wanted; return whether every target is where it should be.
 
-        A raise waits for the slowest finger, so that drives that can give no more stop all; one
-        that loses its contact for a moment takes none back. Where a drive gives all its torque
-        (`full`) a raise would push the object to its side.
+        A raise waits for the slowest finger, so that drives that can give no more stop all. Where
+        a drive gives all its torque (`full`) a raise would push the object to its side.
         """
         if self._adapt:
             self._answer(dt)
@@ -115,13 +109,11 @@ class GripTargets:
             if finger.asked > 0.0 and factor > 1.0 and finger.pressing:
                 factor = min(factor, max(finger.normal / finger.asked + AHEAD, 1.0))
         for finger in self._fingers:
-            waiting = max(factor * finger.asked, finger.target)
-            wanted = min(waiting, self._raise * finger.asked)
-            ahead = wanted - finger.target
+            ahead = factor * finger.asked - finger.target
             if full and ahead > 0.0 and finger.target >= finger.asked:
                 continue
             if -step <= ahead <= step:
-                finger.target = wanted
+                finger.target = factor * finger.asked
             else:
                 finger.target += step if ahead > 0 else -step
                 reached = False

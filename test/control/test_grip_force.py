@@ -122,17 +122,6 @@ def test_grip_force_crushes_nothing_where_a_sensor_fails() -> None:
     assert any('finger 1 presses' in said for said in one.law.shortfalls())
 
 
-@pytest.mark.parametrize('full', [False, True])
-def test_grip_force_walks_no_object_against_a_drive_that_is_full(full: bool) -> None:
-    one = Run(gains=(1.0, 1.0), free=True)
-    before = one.grasp(4.0, adapt=True).closure[0]
-    one.change = {'normal': np.array([1.6, 1.6]), 'slip': np.ones(2, np.int8)}
-    for _ in range(50):
-        made = one.run(0.01)
-        one.law.admit(made.closure, 0.01, made.closure, [False, full])
-    assert (made.closure[0] - before < 0.005) == full
-
-
 @pytest.mark.parametrize(
     ('change', 'sentence'),
     [

@@ -89,14 +89,6 @@ def test_grip_targets_wait_for_the_force_and_stop_where_a_drive_is_full() -> Non
     assert run.grow(300, 10.0, full=True) == pytest.approx(2.5 + 2.0 * AHEAD)
 
 
-def test_grip_targets_keep_a_raise_through_a_moment_without_contact() -> None:
-    run = Run(2.0, load=0.9)
-    raised = run.grow(100)
-    assert raised > 1.5 * 2.0
-    assert run.grow(5, 0.1) == raised
-    assert run.grow(5, 0.1, full=True) == raised
-
-
 def test_grip_targets_forget_one_false_word_of_slip() -> None:
     run = Run(2.0, load=0.25)
     run.grow(20)
