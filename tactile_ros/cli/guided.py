@@ -11,7 +11,6 @@ import csv
 import json
 import re
 import shlex
-import shutil
 import sys
 import threading
 import time
@@ -538,9 +537,10 @@ def finish(
         raise RecordingError(f'nothing can be learned from {folder.path}: truth has {names}')
     pipeline.save(options.output)
     save_recording(whole, folder.path / 'presses.npz')
-    shutil.rmtree(folder.path / 'bag', ignore_errors=True)  # ours, of fewer presses or torn
-    with temporary_folder(folder.path / 'bag') as bag:
-        write_bag(whole, bag)
+    place = folder.path / f'bag_{pipeline.digest[:8]}'  # one for each fit: none is replaced
+    if not place.exists():
+        with temporary_folder(place) as bag:
+            write_bag(whole, bag)
     groups = whole.truth['repetition']
     apart = np.isin(groups % FOLDS, 0)
     with working('drawing the report'):

@@ -70,7 +70,7 @@ def test_live_goes_on_after_an_interrupt_and_writes_everything(
     pipeline = open_calibration('my.npz')
     assert {'position', 'force'} <= pipeline.estimators.keys()
     presses = load_recording('my/presses.npz')
-    (bag,) = load(home / 'my' / 'bag').recordings
+    (bag,) = load(next((home / 'my').glob('bag_*'))).recordings
     np.testing.assert_array_equal(bag.recording.values, presses.values)
     assert 'places held out' in (home / 'my' / 'report.html').read_text()
     # another session does not take its place
