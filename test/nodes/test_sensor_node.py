@@ -466,7 +466,7 @@ def test_sensor_node_survives_a_port_that_comes_and_goes(
     port.replug()
     begin = time.monotonic()
     port.wait_for_reader()
-    assert time.monotonic() - begin < 2.0
+    assert time.monotonic() - begin < 10.0
     # what comes while the port is being opened is lost, as on a real board
     count = len(sensor.frames)
     assert ros.until(lambda: len(sensor.frames) > count + 20 or port.play([next(more)]))

@@ -379,8 +379,8 @@ def test_a_frame_takes_little_time(toy: Toy, pipeline: Pipeline) -> None:
         begin = perf_counter_ns()
         pipeline.process(one)
         spent.append(perf_counter_ns() - begin)
-    # far above the aim of the benches, which count on a quiet machine
-    assert min(spent) < 2_000_000
+    # far above the aims of the benches: a frame that fits, decomposes or sorts all is seen
+    assert min(spent) < 10_000_000
 
 
 # ---------------------------------------------------------------- faults and shapes
