@@ -441,10 +441,16 @@ class GripForce:
         sided = [finger for finger in _pressing(self.fingers) if finger.side]
         if len({finger.side for finger in sided}) < 2:
             return
-        net = sum(finger.side * finger.regulated for finger in sided) / len(sided)
         pushes = self._since < NET_TIME and not self._has_settled
-        for finger in sided:
-            finger.regulated -= (1.0 - NET if pushes else 1.0) * finger.side * net
+        if pushes:
+            net = sum(finger.side * finger.regulated for finger in sided) / len(sided)
+            for finger in sided:
+                finger.regulated -= (1.0 - NET) * finger.side * net
+        else:
+            squeeze = 0.5 * sum(finger.regulated for finger in sided)
+            for finger in sided:
+                total = sum(f.target for f in sided if f.side == finger.side)
+                finger.regulated = squeeze * finger.target / max(total, SAME)
         ratios = [(f.normal - f.sigma) / max(f.target, SAME) for f in sided]
         over = STRONGEST - max(ratios)
         strong = sided[ratios.index(max(ratios))].side
