@@ -22,6 +22,7 @@ RAISING = 5.0  # growth of one that slip or load raise, of that
 MARGIN = 0.5  # least slip margin; half survives a halved friction
 SLIP_RAISE = 2.0  # factor on the target at a slip
 AHEAD = 0.75  # of what is asked, by which a raise may be ahead of the force
+AHEAD_FULL = 0.1  # the same of a finger whose drive gives all it can
 SLIP_PAUSE = 0.08  # s from one raise to the next
 MOST = 5.0  # largest raised target, in asked targets
 MOST_LOAD = 3.0  # the same without a slip: fingers that press askew load each other
@@ -107,7 +108,8 @@ class GripTargets:
         reached, factor = True, self._raise
         for finger in self._fingers:
             if finger.asked > 0.0 and factor > 1.0 and finger.pressing:
-                factor = min(factor, max(finger.normal / finger.asked + AHEAD, 1.0))
+                ahead = AHEAD_FULL if finger.law.stop else AHEAD
+                factor = min(factor, max(finger.normal / finger.asked + ahead, 1.0))
         for finger in self._fingers:
             ahead = factor * finger.asked - finger.target
             if full and ahead > 0.0 and finger.target >= finger.asked:
