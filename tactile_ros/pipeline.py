@@ -620,9 +620,7 @@ def _refuse_other_answers(now: Sequence[Columns], stored: object) -> None:
                 raise ValueError(msg)
 
 
-def _refuse_misfit(
-    name: str, parts: Mapping[str, object], classes: Mapping[str, type]
-) -> None:
+def _refuse_misfit(name: str, parts: Mapping[str, object], classes: Mapping[str, type]) -> None:
     """Refuse parts of other kinds or shapes than a pipeline's."""
     layout, rest, counts = parts['layout'], parts['rest_'], parts['left_out_']
     fitted = all(type(parts[key]) in classes.values() for key in ('config', 'estimation'))

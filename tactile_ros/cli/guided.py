@@ -380,9 +380,7 @@ class Judge:
         """Judge the presses of a guide, unless it is still busy."""
         if not self._thread.is_alive():
             presses, targets = list(guide.presses), list(guide.targets)
-            self._thread = threading.Thread(
-                target=self._try, args=(presses, targets), daemon=True
-            )
+            self._thread = threading.Thread(target=self._try, args=(presses, targets), daemon=True)
             self._thread.start()
 
     def _try(self, presses: Sequence[tuple[int, Recording]], targets: Sequence[Target]) -> None:

@@ -139,14 +139,17 @@ class GraspSequence:
     """Judge the steps of one grasp, or of an opening where the hand `opens`.
 
     It ends at a timeout (s; 0: `GRASP_TIME`; ValueError where that is below 0 or not finite), or
-    after a fault of `fault_time` of the config.
+    after a fault of `fault_time` of the config. `beyond` says that what was asked for is more than
+    the drives can press: then nothing is held at it.
     """
 
-    def __init__(self, config: GripConfig, timeout: float = 0.0, opens: bool = False) -> None:
+    def __init__(
+        self, config: GripConfig, timeout: float = 0.0, opens: bool = False, beyond: str = ''
+    ) -> None:
         if not 0.0 <= timeout < float('inf'):
             msg = f'timeout of a grasp must be 0 or more seconds; received {timeout}'
             raise ValueError(msg)
-        self.config, self._opens = config, opens
+        self.config, self._opens, self._beyond = config, opens, beyond
         self._timeout = timeout or GRASP_TIME
         self._elapsed = self._faulty = self._empty = self._closed = 0.0
         self._had = False
@@ -180,6 +183,7 @@ class GraspSequence:
         end, what = GraspOutcome, 'open' if self._opens else 'held'
         faulty = made.fault != '' or self._faulty > self.config.fault_time
         late = f'not {what} within {self._timeout:g} s'
+        late += f': {self._beyond}' if self._beyond else ''
         closes, empty = not self._opens, self._had and self._empty > LOST_TIME
         ends = (
             (faulty, end.FAULT, made.fault or made.refusal),
@@ -187,7 +191,7 @@ class GraspSequence:
             (closes and made.phase in OPENED, end.FAULT, 'the grip was released'),
             (closes and empty, end.SLIPPED, LOST),
             (closes and self._closed > LOST_TIME, end.NO_OBJECT, NOTHING),
-            (closes and made.settled, end.HELD, 'held at the asked force'),
+            (closes and made.settled and not self._beyond, end.HELD, 'held at the asked force'),
             (self._elapsed >= self._timeout, end.TIMEOUT, late),
         )
         for holds, outcome, sentence in ends:

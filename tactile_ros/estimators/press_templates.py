@@ -391,9 +391,7 @@ def descend_rows(
             if hopeless or promised <= max(CLOSE, BEHIND * (cost[s] - own.min())):
                 break
             template_rows(flat, grid, row, tried, work, parts)
-            new = normal_equations(
-                parts, tried[3], weight, span, wanted, flatter, steep, slope
-            )
+            new = normal_equations(parts, tried[3], weight, span, wanted, flatter, steep, slope)
             if new < cost[s]:
                 pose[s], cost[s], normal[s], plain[s], right[:] = tried, new, steep, flatter, slope
                 size = 1.0

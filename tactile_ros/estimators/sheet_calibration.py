@@ -301,9 +301,7 @@ class SheetCalibration:
         """Slopes (parameters, t 3) of resting readings, and their deviation."""
         model, sheet = self.model, self.model.sheet
         field = sheet.field(model.chips)
-        along = [
-            (sheet.field(model.chips + CHIP_STEP * e) - field) / CHIP_STEP for e in np.eye(3)
-        ]
+        along = [(sheet.field(model.chips + CHIP_STEP * e) - field) / CHIP_STEP for e in np.eye(3)]
         moved = replace(model, shift=model.shift + CHIP_STEP)
         every = np.arange(len(sheet.each_moment))
         slopes = self._slopes(
@@ -348,7 +346,8 @@ class SheetCalibration:
         """Movements (m) and rotations (rad), (g, 3) each, of the dipoles under a press."""
         if id(press.outline) not in self._loads:
             self._loads[id(press.outline)] = (
-                press.outline, *punch_pressure(press.outline.loops, model.dents.body, tilted=True)
+                press.outline,
+                *punch_pressure(press.outline.loops, model.dents.body, tilted=True),
             )
         _, points, loads = self._loads[id(press.outline)]
         images = model.dents.images(points, state[3:6] @ loads, state[:3])
@@ -356,9 +355,7 @@ class SheetCalibration:
         return flat[:, :3], np.column_stack([flat[:, 3:], np.zeros(len(flat))])
 
     @staticmethod
-    def _cells(
-        model: SkinModel, chips: Array, dent: tuple[Array, Array], rows: Integers
-    ) -> Array:
+    def _cells(model: SkinModel, chips: Array, dent: tuple[Array, Array], rows: Integers) -> Array:
         """Change of the field (t, 3, n) by dipoles of moment one that move."""
         return model.sheet.cell_changes(chips, rows, dent[0], model.turning * dent[1])
 

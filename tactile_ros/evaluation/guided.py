@@ -96,9 +96,7 @@ def grid_of(layout: Layout, count: int) -> Array:
         return np.unique(places, axis=0)
     columns = max(2, round(float(np.sqrt(count * size[0] / size[1]))))
     rows = max(2, round(count / columns))
-    x, y = np.meshgrid(
-        np.linspace(low[0], high[0], columns), np.linspace(low[1], high[1], rows)
-    )
+    x, y = np.meshgrid(np.linspace(low[0], high[0], columns), np.linspace(low[1], high[1], rows))
     places = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, high[2])])
     return np.asarray(places[np.random.default_rng(0).permutation(len(places))])
 
@@ -126,9 +124,9 @@ class Preflight:
     def of(cls, layout: Layout, frames: Sequence[Frame]) -> Preflight:
         """Judge frames at rest: dead, saturated and noisy taxels, and a uniform stray field."""
         values = np.array([frame.values for frame in frames])
-        status = np.array([
-            np.zeros(layout.shape[0], np.uint8) if f.status is None else f.status for f in frames
-        ])
+        status = np.array(
+            [np.zeros(layout.shape[0], np.uint8) if f.status is None else f.status for f in frames]
+        )
         noise = spread_of(np.diff(values, axis=0)) / np.sqrt(2)  # a slow touch is none
         read, most = noise[noise > 0], float(np.nanmax(np.abs(values), initial=0.0))
         usual = float(np.median(read)) if len(read) else LEAST_NOISE * most
@@ -359,8 +357,13 @@ class PressGuide:
             truth['force'] = np.where(tare[:, None], np.nan, force)
         plain = Recording.from_frames(self.layout, frames, tare=tare)
         return Recording.from_arrays(
-            self.layout, plain.values, plain.stamp_ns, temperature_c=plain.temperature_c,
-            status=plain.status, tare=tare, truth=truth,
+            self.layout,
+            plain.values,
+            plain.stamp_ns,
+            temperature_c=plain.temperature_c,
+            status=plain.status,
+            tare=tare,
+            truth=truth,
         )
 
     def repeat(self, numbers: Sequence[int]) -> None:

@@ -195,12 +195,15 @@ class GripLoop:
         timeout: float,
         adapt: bool,
         forces: Sequence[float] = (),
-    ) -> None:
+    ) -> str:
         """Close until something is held; a target of 0 N opens. ValueError: it cannot be.
 
-        `forces` (N) are of `fingers` (empty: of all), instead of one target.
+        `forces` (N) are of `fingers` (empty: of all), instead of one target. Where drives cannot
+        press that hard all press a share of it; the sentence says so.
         """
         targets = self.admit(target_force, fingers, timeout, forces)
+        chosen = [not fingers or name in fingers for name in self.fingers]
+        beyond, share = self._beyond(targets, chosen)
         held = self.law.holds or self._is_holding()
         if self.law.phase == GripPhase.IDLE:
             if self._watch.strayed():
@@ -214,10 +217,10 @@ class GripLoop:
         if not any(targets):
             self.law.release()
             self._sequence = GraspSequence(self.config, timeout, opens=True)
-            return
-        chosen = [not fingers or name in fingers for name in self.fingers]
-        self.law.grasp(targets, adapt, chosen, held)
-        self._sequence = GraspSequence(self.config, timeout)
+            return ''
+        self.law.grasp([share * target for target in targets], adapt, chosen, held)
+        self._sequence = GraspSequence(self.config, timeout, beyond=beyond)
+        return beyond
 
     def _is_holding(self) -> bool:
         """Judge that fingers and torques both say that something is held, as after a restart."""
@@ -257,22 +260,28 @@ class GripLoop:
         if unknown:
             msg = f'fingers must be of {", ".join(self.fingers)}; received {unknown[0]!r}'
             raise ValueError(msg)
-        used = [not fingers or name in fingers for name in self.fingers]
         each = dict(zip(named, wanted, strict=True)) if len(forces) else {}
         targets = [each.get(name, max(wanted)) for name in self.fingers]
-        asked = shared(targets, self._sides, used)
-        short = [i for i, reach in enumerate(self._reach) if asked[i] > reach]
-        if short:
-            most = min(max(wanted) * self._reach[i] / asked[i] for i in short)
-            weak = ', '.join(
-                f'{self.fingers[i]} {self._reach[i]:.2f} of {asked[i]:.2f} N' for i in short
-            )
-            msg = (
-                f'the drives of this hand cannot press that hard ({weak}): at most {most:.2f} N '
-                'can be asked for'
-            )
-            raise ValueError(msg)
+        used = [not fingers or name in fingers for name in self.fingers]
+        beyond, share = self._beyond(targets, used)
+        if beyond and share * min(t for t, use in zip(targets, used, strict=True) if use) <= low:
+            raise ValueError(beyond)
         return targets
+
+    def _beyond(self, targets: Sequence[float], chosen: Sequence[bool]) -> tuple[str, float]:
+        """Fingers whose drives cannot press targets (f,) (N), and the share that all can."""
+        asked = shared(targets, self._sides, chosen)
+        short = [i for i, reach in enumerate(self._reach) if asked[i] > reach]
+        if not short:
+            return '', 1.0
+        share = min(self._reach[i] / asked[i] for i in short)
+        weak = ', '.join(
+            f'{self.fingers[i]} {self._reach[i]:.2f} of {asked[i]:.2f} N' for i in short
+        )
+        return (
+            f'the drives of this hand cannot press that hard ({weak}): it presses '
+            f'{share * max(targets):.2f} N at most'
+        ), share
 
     def cancel(self) -> None:
         """Wait for no end any more: what is held stays held, otherwise the hand opens."""

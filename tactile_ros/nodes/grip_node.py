@@ -642,9 +642,11 @@ class GripNode(ManagedNode):
     def _begin(self, goal: Grasp.Goal) -> None:
         with self._lock:
             self._grasps.forget()
-            self._loop.grasp(
+            beyond = self._loop.grasp(
                 goal.target_force, goal.fingers, goal.timeout, goal.adapt, goal.forces
             )
+        if beyond:
+            self.get_logger().warning(beyond)
 
     def _cancel(self) -> None:
         with self._lock:

@@ -270,9 +270,7 @@ class PageServer(Closing):
         """Number and event of the sensors that there are."""
         with self._news:
             sensors = {name: layout_json(s.layout, s.labels) for name, s in self._shown.items()}
-            return self._layouts, event(
-                'layouts', {'sensors': sensors, 'control': self.control}
-            )
+            return self._layouts, event('layouts', {'sensors': sensors, 'control': self.control})
 
     def stream(self, write: Callable[[bytes], object]) -> None:
         """Write events to one page until it goes or the server closes.
@@ -302,6 +300,7 @@ class PageServer(Closing):
         finally:
             with self._news:
                 self.pages -= 1
+
 
 class Server(ThreadingHTTPServer):
     """Server of one page's requests."""

@@ -195,8 +195,6 @@ def test_simulated_presses_follow_the_guide(key: str) -> None:
         presses.signal(0.0)
     assert np.abs(presses.signal(0.0) - rest).max() > 0
     force, _ = presses.now()
-    np.testing.assert_array_equal(
-        force, np.nan_to_num(recording.truth['force'][presses.peaks[1]])
-    )
+    np.testing.assert_array_equal(force, np.nan_to_num(recording.truth['force'][presses.peaks[1]]))
     presses.follow(Phase.RELEASE, 1)
     np.testing.assert_array_equal(presses.signal(0.0), rest)

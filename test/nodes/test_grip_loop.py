@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -364,10 +365,18 @@ def test_a_goal_that_cannot_be_is_one_sentence(goal: tuple, sentence: str) -> No
         World('allegro_v5').stage.admit(*goal)
 
 
-def test_a_hand_says_how_hard_it_can_press_with_forces_of_their_own() -> None:
+def test_a_force_beyond_the_drives_is_shared_down_said_and_never_held() -> None:
     world = World('allegro_v4')
-    with pytest.raises(ValueError, match=r'thumb 2\.56 of 4\.00 N\): at most 2\.56 N can be'):
-        world.stage.admit(0.0, ('index', 'middle', 'ring', 'thumb'), 0.0, (1.9, 1.4, 1.0, 4.0))
+    names, forces = ('index', 'middle', 'ring', 'thumb'), (1.9, 1.4, 1.0, 4.0)
+    said = world.stage.grasp(0.0, names, 0.5, False, forces)
+    assert 'thumb 2.56 of 4.00 N' in said
+    assert 'it presses 2.56 N at most' in said
+    sequence = world.stage._sequence
+    settled = SimpleNamespace(**vars(world.step().made) | {'settled': True})
+    assert sequence.step(settled, 0.1).outcome is None
+    assert said in sequence.step(settled, 0.5).message
+    with pytest.raises(ValueError, match='cannot press that hard'):
+        world.stage.admit(0.0, names, 0.0, (10.0, 0.11, 0.11, 10.0))
 
 
 def test_a_rate_that_the_hand_cannot_take_is_refused() -> None:

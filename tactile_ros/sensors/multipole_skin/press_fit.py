@@ -247,9 +247,7 @@ def _turning(
     return best, found[best][1]
 
 
-def choose(
-    recogniser: Recogniser, presses: Presses, outside: Presses, labels: Labels
-) -> Report:
+def choose(recogniser: Recogniser, presses: Presses, outside: Presses, labels: Labels) -> Report:
     """Keep supports, choose the metric and the road that are right most often on held-out presses.
 
     `presses` are windows (n), `outside` the same as templates see them whose skin was fitted

@@ -90,6 +90,7 @@ def class_chances(scores: Array, misfits: Array, usual: float, vary: float) -> t
     total = np.maximum(likely.sum(axis=1), 1e-30)
     return ((1 - none) / total)[:, None] * likely, none
 
+
 TRAINED = ('shapes', 'postures')
 FRAMES, CHANNELS = 10, 60  # of a window
 
