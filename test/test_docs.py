@@ -21,9 +21,6 @@ from tactile_ros.sensors import designable, load_sensor
 INLINE = re.compile(r'`(?:\.venv/bin/)?tactile ([a-z]+)([^`]*)`')
 FLAG = re.compile(r'(?<!\S)--[a-z][a-z-]*')
 LINK = re.compile(r'\]\(([^)#:\s]+)(?:#[^)]*)?\)')
-# of other programs, and of pages that describe another machine
-FOREIGN = ('export', 'sudo', 'rosdep', 'colcon', 'rviz2', 'git', 'pip', 'source', 'arduino-cli')
-LAUNCHERS = ('graph', 'processes')
 
 
 COMMAND_LINES = [(page.name, line) for page in PAGES for line in lines(page)]
@@ -64,22 +61,9 @@ def test_commands_of_the_pages_are_taken(page: str, line: str) -> None:
     elif first == 'make':
         targets = re.findall(r'^([a-z-]+):', (ROOT / 'Makefile').read_text(), re.MULTILINE)
         assert second in targets, page
-    elif second == 'launch' and rest[0] == 'tactile_ros':
-        launched(rest[1], rest[2:])
     elif second == 'run' and rest[0] == 'tactile_ros':
         executables = re.search(r'set\(executables (.*?)\)', (ROOT / 'CMakeLists.txt').read_text())
         assert rest[1] in executables[1].split(), page
-
-
-def launched(name: str, arguments: list[str]) -> None:
-    """A launch file is there and knows its arguments."""
-    places = [ROOT / 'launch' / name]
-    places += [ROOT / 'tactile_ros' / 'nodes' / f'{stem}.py' for stem in LAUNCHERS]
-    text = '\n'.join(path.read_text() for path in places)
-    for argument in arguments:
-        if ':=' in argument:
-            word = argument.split(':=')[0]
-            assert re.search(rf'\b{word}\b', text), f'{name} does not know {word}'
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda path: path.name)

@@ -17,8 +17,6 @@ from tactile_ros.conditioning.baseline import (
     Rest,
     Stream,
     held_noise,
-    motion_noise,
-    rest_noise,
     stream_baselines,
     tare_means,
     tare_runs,
@@ -373,30 +371,6 @@ def test_memory_begins_at_the_first_stamped_frame_and_after_a_tare() -> None:
 SIGMA = np.array([[0.5, 2.0, 0.0]])
 
 
-def noisy(samples: int = 4000) -> np.ndarray:
-    drift = np.linspace(0, 5, samples)[:, None, None]
-    return drift + SIGMA * np.random.default_rng(5).normal(size=(samples, 1, 3))
-
-
-def test_drift_is_no_noise() -> None:
-    rest = noisy()
-    np.testing.assert_allclose(
-        rest_noise(rest, np.zeros(len(rest), int))[0, :2], SIGMA[0, :2], rtol=0.06
-    )
-    assert (rest.std(axis=0)[0] > 1.4).all()
-
-
-def test_motion_makes_it_no_smaller() -> None:
-    values = noisy()
-    stamp_ns = np.arange(len(values)) * 10_000_000
-    restart = np.zeros(len(values), bool)
-    np.testing.assert_allclose(
-        motion_noise(values, stamp_ns, restart)[0, :2], SIGMA[0, :2], rtol=0.06
-    )
-    moving = values + 50 * np.sin(stamp_ns * 1e-9)[:, None, None]
-    assert (motion_noise(moving, stamp_ns, restart)[0, :2] > 0.9 * SIGMA[0, :2]).all()
-
-
 @pytest.mark.parametrize('rows', [2, 3, 5, 40])
 def test_noise_inside_held_touches_in_any_order(rows: int) -> None:
     rng = np.random.default_rng(rows)
@@ -429,18 +403,6 @@ def test_stated_noise_counts_for_every_taxel(stated: float | np.ndarray) -> None
     np.testing.assert_allclose(learned.noise, np.broadcast_to(stated, SHAPE))
     with pytest.raises(ValueError, match='broadcast'):
         Rest.unknown(SHAPE, np.ones(2))
-
-
-def test_a_quantised_channel_has_at_least_its_quantum() -> None:
-    rest = np.zeros((100, 1, 1))
-    rest[50] = 3.0
-    np.testing.assert_allclose(rest_noise(rest, np.zeros(100, int)), 3.0 / np.sqrt(12))
-
-
-def test_frames_far_apart_tell_nothing() -> None:
-    values, stamp_ns = noisy(50), np.arange(50) * 1_000_000_000
-    assert np.isnan(motion_noise(values, stamp_ns, np.zeros(50, bool))).all()
-    assert np.isnan(motion_noise(values, stamp_ns // 100, np.ones(50, bool))).all()
 
 
 def test_what_no_chip_can_have_and_chips_of_dead_taxels_tell_no_temperature() -> None:

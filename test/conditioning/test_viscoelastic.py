@@ -6,17 +6,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_ros.conditioning.fading_memory import FadingMemory
 from tactile_ros.conditioning.viscoelastic import Creep
 
 TAU, SHARE = np.array([1.5, 30.0]), np.array([[0.08], [0.066]])
 CREEP = Creep(TAU, SHARE)
-
-
-def crept(force: np.ndarray, stamps: np.ndarray) -> np.ndarray:
-    """What a skin with this creep reads."""
-    past = FadingMemory(TAU)(force, stamps, np.zeros(len(force), bool))
-    return force + np.einsum('bt,sbt->st', SHARE, past)
 
 
 def test_a_hold_of_two_minutes_does_not_drift() -> None:

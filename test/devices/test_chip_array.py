@@ -210,27 +210,6 @@ def test_chip_array_names_a_dead_chip_and_does_not_wait_for_it(mode: Mode) -> No
         assert array.counters()['missing'] == 0
 
 
-@both_modes
-@pytest.mark.parametrize(
-    ('fault', 'count', 'sentence'), [('stuck_bus', 3, 'is stuck'), ('unplug', 1, 'was unplugged')]
-)
-def test_chip_array_names_a_failing_bus_and_recovers(
-    fault: str, count: int, sentence: str, mode: Mode
-) -> None:
-    clock = VirtualClock()
-    twin = twin_of(clusters(), clock, mode)
-    with twin.device(clock.now_ns) as array:
-        before = array.read(1.0)
-        twin.inject(fault, count)
-        with pytest.raises(DeviceTimeout, match=rf'bus simulated-0 {sentence}.*; trying again$'):
-            array.read(0.0)
-        frame = recover(array, clock)
-        assert frame.sequence > before.sequence + 1
-        assert frame.dropped == array.counters()['dropped'] > 0
-        assert array.counters()['bus_errors'] >= count
-        assert twin.injected[fault] == count
-
-
 @pytest.mark.parametrize(
     ('places', 'taxels', 'mode', 'why'),
     [

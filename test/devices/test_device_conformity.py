@@ -71,7 +71,7 @@ def test_driver_can_be_closed_and_opened_again(key: str, how: dict[str, object])
             with device:
                 if isinstance(twin, SerialTwin):
                     twin.play(5)
-                assert device.read(5.0).values.shape == road.layout.shape
+                assert device.read(60.0).values.shape == road.layout.shape
             with pytest.raises(DeviceError):
                 device.read(0.0)
             if isinstance(twin, SerialTwin):

@@ -81,26 +81,6 @@ def test_simulated_chip_refuses_registers_in_burst_mode() -> None:
     assert bench.ask('50 00', 3)[0] == 0
 
 
-@pytest.mark.parametrize(
-    ('third', 'field', 'code'),
-    [
-        ('00 08', 0.1502e-6 * 1000, 1000),
-        ('00 08', -0.1502e-6, 0xFFFF),
-        ('00 08', 0.1502e-6 * 40000, 40000),  # beyond 32767: wraps to -25536
-        ('00 48', 4 * 0.1502e-6 * 5, 0x8005),  # RES_X 2
-        ('00 68', 8 * 0.1502e-6 * -3, 0x3FFD),  # RES_X 3
-    ],
-)
-def test_simulated_chip_codes_fields(third: str, field: float, code: int) -> None:
-    bench = Bench(field=field)
-    bench.configure(third)
-    bench.ask('32', 1)
-    bench.clock.sleep(3e-3)
-    status, high, low = bench.ask('42', 3)
-    assert status == 0
-    assert high << 8 | low == code
-
-
 def test_simulated_bus_hides_channels_behind_switches() -> None:
     places = [ChipPlace(0x0C, 0, 0x70, 1), ChipPlace(0x0C, 0, 0x70, 2), ChipPlace(0x0D)]
     bench = Bench(*places)

@@ -101,7 +101,7 @@ def test_board_without_a_sensor_is_read_with_scale() -> None:
     layout = Layout(np.zeros((4, 3)), ('reading',), '1', rate_hz=50.0)
     half = LineConnection(scale=1 / 1023).simulate(layout, lambda t: np.full((4, 1), 0.5), 0, 0)
     with half as twin, open_lines(twin.port, 4, scale=1 / 1023) as board:  # type: ignore[attr-defined]
-        frames = [board.read(5.0) for _ in range(3)]
+        frames = [board.read(60.0) for _ in range(3)]
     for frame in frames:
         np.testing.assert_allclose(frame.values, 0.5, atol=0.51 / 1023)
     assert [frame.sequence for frame in frames] == [0, 1, 2]
@@ -114,14 +114,14 @@ def test_board_marks_its_limit_and_shows_a_line_that_it_cannot_read() -> None:
         with pytest.raises(DeviceTimeout, match=r"no line of 2 numbers .*'warming up \\xb0C'$"):
             board.read(0.1)
         port.send(b'1,2\n')
-        assert board.read(5.0).status is None
+        assert board.read(60.0).status is None
         assert board.counters()['malformed'] == 1
     limited = LineConnection().simulate(
         Layout(np.zeros((2, 3)), ('c',), '1', saturation=np.array([9.0]), rate_hz=50.0),
         lambda t: np.array([[9.0], [1.0]]), 0.0, 0,
     )  # fmt: skip
     with limited as twin, twin.device(time.monotonic_ns) as device:
-        status = device.read(5.0).status
+        status = device.read(60.0).status
     assert status is not None
     assert status.tolist() == [TaxelStatus.SATURATED, 0]
 

@@ -94,10 +94,10 @@ def test_load_hand_closes_every_shipped_one(name: str) -> None:
     for finger, entry in hand.fingers.items():
         place = hand.places(finger)
         assert [hand.driver.joints[i] for i in place] == list(entry.joints)
-        closed = entry.posture(1.0)
         # a synergy that leaves the limits would command what the limiter only cuts
-        assert (closed >= limits.lower[place]).all(), finger
-        assert (closed <= limits.upper[place]).all(), finger
+        for closure in (0.0, entry.corner, 1.0):
+            assert (entry.posture(closure) >= limits.lower[place] - 1e-9).all(), finger
+            assert (entry.posture(closure) <= limits.upper[place] + 1e-9).all(), finger
         assert entry.fastest(limits.velocity[place]) > hand.driver.grip().closing_rate
 
 

@@ -152,14 +152,6 @@ def test_every_choice_is_a_described_argument(name: str, choices: type, apart: s
     assert all(len(argument.description) > 5 for argument in declared)
 
 
-def test_the_graph_is_that_of_the_description() -> None:
-    module = module_of('sensor.launch.py')
-    found = [a.node_executable for a in actions(module, source='recorded', bag='bag')]
-    assert found == ['record', 'stack', 'player']
-    split = [a.node_executable for a in actions(module, stack='false')]
-    assert split == ['contact_node', 'sensor_node']
-
-
 @pytest.mark.parametrize('source', [{'source': 'simulated'}, {'simulated': 'true'}])
 def test_a_simulated_sensor_is_one_node_with_its_seed_and_fault(source: dict[str, str]) -> None:
     module = module_of('sensor.launch.py')
@@ -302,19 +294,6 @@ def test_a_replay_runs_the_node_on_the_clock_of_the_bag() -> None:
     (contact,) = replaying(BagPlayback('b', calibration='c.npz', params_file='p.yaml')).processes
     assert contact.parameters == {'use_sim_time': True, 'calibration': 'c.npz'}
     assert contact.params_file == 'p.yaml'
-
-
-def test_a_hand_is_one_argument() -> None:
-    module = module_of('grasp.launch.py')
-    found = actions(module, hand='qb_softhand', mock_hand='true', source='simulated')
-    assert [action.node_executable for action in found] == ['mock_hand', 'stack']
-    split = actions(module, hand='qb_softhand', stack='false')
-    names = [action.node_executable for action in split]
-    assert names == ['grip_node', *['contact_node', 'sensor_node'] * 3]
-    if isinstance(split[0], Record):
-        spaces = [action.named['namespace'] for action in split]
-        assert spaces == ['', 'thumb', 'thumb', 'index', 'index', 'middle', 'middle']
-        assert split[0].named['parameters'] == [{'hand': 'qb_softhand'}]
 
 
 @pytest.mark.parametrize('line', LAUNCHED)

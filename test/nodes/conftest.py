@@ -125,6 +125,12 @@ class Ros:
         assert self.until(future.done)
         return future.result()
 
+    def begin(self, send: Callable[[], object]) -> object:
+        """Handle of a goal that is taken: it is refused until all listeners are matched."""
+        handles = [self.result(send())]
+        assert self.until(lambda: handles[-1].accepted or handles.append(self.result(send())))
+        return handles[-1]
+
     @staticmethod
     def change(node: Node, **values: object) -> object:
         """Result of setting parameters together, as `ros2 param set` does."""

@@ -16,7 +16,6 @@ from tactile_ros.hands import load_hand
 from tactile_ros.hands.joints import taking_part
 from tactile_ros.nodes.grip_loop import Decision, GripLoop, StampAge, StepTrigger
 from tactile_ros.nodes.mock_hand_node import MockHand
-from tactile_ros.sensors import load_sensor
 
 HANDS = ['allegro_v4', 'allegro_v5', 'allegro_plexus', 'qb_softhand', 'qb_softhand_2m']
 
@@ -41,7 +40,6 @@ class World:
         self.felt = self.told = True
         self.deaf = False  # takes no command
         self.silent: set[int] = set()
-        self.slip = -1  # as the first finger's sensor says
         self.decisions: list[Decision] = []
         self.stage.enable()
 
@@ -69,8 +67,7 @@ class World:
             for i, force in enumerate(self.forces()):
                 if i in self.silent:
                     continue
-                said = -1 if i else self.slip
-                self.stage.take_touch(i, (0.0, 0.0, force), True, said, self.time_s)
+                self.stage.take_touch(i, (0.0, 0.0, force), True, -1, self.time_s)
         made = self.stage.step(self.time_s, int(self.time_s * 1e9))
         if made.command is not None and not self.deaf:
             self.joints.command(made.command.position)
@@ -473,42 +470,6 @@ def test_a_clock_of_stamps_that_jumps_stops_nothing(jump_ns: int) -> None:
         since = taken.step(now_s)
         assert since > 0
     assert since == pytest.approx(0.01)
-
-
-LEARNT = 72  # pulls that are fitted; the others are unseen
-
-
-@pytest.fixture(scope='module')
-def pulls() -> dict[bool, np.ndarray]:
-    """Words of slip in the first unseen pull that slips (True), and in one that holds."""
-    sensor = load_sensor('reskin_board')
-    recorded = sensor.recordings()['slip']
-    config = dataclasses.replace(sensor.config(), positions=recorded.layout.positions)
-    streams = np.unique(recorded.stream)
-    learnt = recorded.select(np.isin(recorded.stream, streams[:LEARNT]))
-    pipeline = sensor.pipeline(config, 'ridge').fit(learnt)
-    words: dict[bool, np.ndarray] = {}
-    for stream in streams[LEARNT:]:
-        one = recorded.select(recorded.stream == stream)
-        words.setdefault(bool((one.truth['slip'] == 1).any()), pipeline.process_batch(one).slip)
-    return words
-
-
-@pytest.mark.parametrize('slips', [True, False])
-def test_grip_rises_at_a_recorded_slip_alone(pulls: dict[bool, np.ndarray], slips: bool) -> None:
-    world = World('joint_trajectory')
-    world.run(0.2)
-    world.stage.grasp(2.0, (), 20.0, adapt=True)
-    assert world.until_end().ended.outcome == GraspOutcome.HELD
-    before = world.decisions[-1]
-    for word in pulls[slips]:
-        world.slip = int(word)
-        after = world.step()
-    assert (pulls[slips] == 1).any() == slips
-    assert after.made.phase == GripPhase.HOLD
-    raised = after.made.target_force[0] / before.made.target_force[0]
-    assert raised > 1.2 if slips else raised == pytest.approx(1.0)
-    assert (after.command.position[0] > before.command.position[0] + 0.003) == slips
 
 
 WALL_NS = 1_700_000_000_000_000_000

@@ -63,7 +63,7 @@ class Echo:
         **options: object,
     ) -> Playback:
         """Playback into the port, as fast as it goes."""
-        chosen = {'patience_s': 10.0, 'speed_up': float('inf'), 'rate_hz': 1e6, 'window': 4}
+        chosen = {'patience_s': PATIENCE_S, 'speed_up': float('inf'), 'rate_hz': 1e6, 'window': 4}
         made = PlayerOptions(port=str(self.path), **{**chosen, **options})
         return Playback(self.recording, made, self.matcher, tare, missing)
 

@@ -22,7 +22,6 @@ from tactile_ros.physics.magnet_sheet import Sheet
 SHEAR, LOAD, FORCE = 0.2e6, np.array([1e-3, -2e-3, 8e-3]), np.array([0.4, -0.7, -2.0])
 G, H, RADIUS = 0.1e6, 4e-3, 6e-3
 LAYER, BODY = Layer(H, G, 0.49), Layer(H, 69e3 / 2.98, 0.49)
-SQUARE = 5e-3 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
 HEIGHTS = np.array([2.4e-3, 3.6e-3])
 LINE = 37e-3 * np.sin(np.linspace(-np.pi / 2, np.pi / 2, 41))  # rows need not be even
 CARPET = PunchedCarpet(BODY, LINE, 0.9 * LINE, HEIGHTS)

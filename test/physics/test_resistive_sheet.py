@@ -15,10 +15,8 @@ from tactile_ros.physics.resistive_sheet import (
 )
 
 SIZE = np.array([0.1, 0.08])
-EVEN = np.full((4, 8), 24_000 * 1e-3)
 FIRST = np.array([1.0, np.nan, 0.0, np.nan])
 SQUARE = 0.1 * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-KITE = np.array([[0.0, 0.0], [0.11, 0.01], [0.09, 0.1], [-0.01, 0.08]])
 
 
 def linear_potentials(places: np.ndarray, size: np.ndarray) -> np.ndarray:

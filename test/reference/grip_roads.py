@@ -109,7 +109,7 @@ def lived(ros: Ros, press: Press, clock: Clock, direct: bool) -> np.ndarray:
     grip.now_ns = lambda: clock.ns
     lifecycle.start([grip, contact])
     assert grip.count_subscribers('/left/contacts') == (0 if direct else 1)
-    assert ros.until(lambda: grip._diagnosed.steps and user.count_publishers(COMMANDS))
+    assert ros.until(lambda: grip._diagnosed.steps and not grip._link.refusal)
     if not direct:
         assert ros.until(user.frames.get_subscription_count)
         assert ros.until(contact._contacts.get_subscription_count)

@@ -149,9 +149,19 @@ def toy_of(key: str) -> Toy:
 
 
 @lru_cache
-def fitted_on_streams(key: str) -> Pipeline:
+def fitted_on_streams(key: str, track: bool) -> Pipeline:
     toy = toy_of(key)
-    return toy.pipeline().fit(toy.streams())
+    one = toy.pipeline(track_baseline=track)
+    assert one.fit(toy.streams()) is one
+    return one
+
+
+def fitted(key: str, track: bool = True) -> Pipeline:
+    """Fitted once for all; tared and reset for every test."""
+    known = fitted_on_streams(key, track)
+    known.tare([Frame(0, 0, toy_of(key).rest)])
+    known.reset()
+    return known
 
 
 @pytest.fixture
@@ -161,11 +171,7 @@ def toy(key: str) -> Toy:
 
 @pytest.fixture
 def pipeline(key: str) -> Pipeline:
-    """Fitted once for all; tared and reset for every test."""
-    known = fitted_on_streams(key)
-    known.tare([Frame(0, 0, toy_of(key).rest)])
-    known.reset()
-    return known
+    return fitted(key)
 
 
 def differences(one: object, other: object, atol: float, names: set[str]) -> list[str]:
@@ -192,9 +198,7 @@ def unknown(states: ContactStates | ContactState, name: str, row: object = slice
 
 
 def test_fit_returns_itself_and_estimates_what_truth_told(toy: Toy, pipeline: Pipeline) -> None:
-    one = toy.pipeline()
-    recording = toy.streams()
-    assert one.fit(recording) is one
+    one, recording = pipeline, toy.streams()
     assert one.calibrated
     assert set(one.report)
     states = one.process_batch(recording)
@@ -327,9 +331,8 @@ def run_live(pipeline: Pipeline, recording: Recording) -> dict[int, ContactState
 
 
 @pytest.mark.parametrize('track', [True, False])
-def test_live_is_batch_and_so_are_pieces_of_a_stream(toy: Toy, track: bool) -> None:
-    one = toy.pipeline(track_baseline=track).fit(toy.streams())
-    recording = eventful(toy, 5)
+def test_live_is_batch_and_so_are_pieces_of_a_stream(toy: Toy, key: str, track: bool) -> None:
+    one, recording = fitted(key, track), eventful(toy, 5)
     batch = one.process_batch(recording)
     batch.refuse_misfit(toy.layout.shape[0])
     live = run_live(one, recording)
@@ -462,13 +465,12 @@ def test_another_shape_is_refused_with_both_named(toy: Toy, pipeline: Pipeline) 
 # ---------------------------------------------------------------- baseline
 
 
-def test_tare_reset_and_load(toy: Toy, tmp_path: Path) -> None:
-    one = toy.pipeline(track_baseline=False)
+def test_tare_reset_and_load(toy: Toy, key: str, tmp_path: Path) -> None:
+    unfitted, one = toy.pipeline(), fitted(key, track=False)
     # never from the first frames
     for i in range(20):
-        one.process(toy.frame(toy.rest, i * STEP_NS))
-    assert np.isnan(one.baseline).all()
-    one.fit(toy.streams())
+        unfitted.process(toy.frame(toy.rest, i * STEP_NS))
+    assert np.isnan(unfitted.baseline).all()
     np.testing.assert_allclose(one.baseline, toy.rest, rtol=1e-12)
     one.save(tmp_path / 'c.npz')
     digest = one.digest

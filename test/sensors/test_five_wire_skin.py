@@ -331,7 +331,7 @@ def test_a_third_excitation_makes_the_place_better_and_frames_stay_batches() -> 
 def test_a_third_excitation_comes_through_the_twin_and_unfitted_the_formula_stays() -> None:
     twin = SENSOR.simulate(THREE, SENSOR.connection(), seed=1)
     with twin, twin.device(time.monotonic_ns) as device:
-        frame = device.read(5.0)
+        frame = device.read(60.0)
     assert frame.values.shape == (1, 4)
     recording = SENSOR.presses(THREE, 0, 6)
     states = SENSOR.pipeline(THREE).process_batch(recording)

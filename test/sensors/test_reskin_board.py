@@ -171,21 +171,9 @@ def test_a_known_step_shows_damage_that_looks_like_a_reading() -> None:
                 board.send(encode(row))
             frames = []
             while not frames or frames[-1].values[0, 0] < rows[-1, 0, 0] - 1e-9:
-                frames.append(device.read(5.0))
+                frames.append(device.read(60.0))
     assert len(frames) >= len(rows) - 2
     assert not any(np.isclose(frame.values, damaged, rtol=1e-6).any() for frame in frames)
-
-
-def test_stamps_are_the_middle_of_the_conversion_of_the_boards_firmware() -> None:
-    stamps = []
-    for conversion in ({}, {'conversion': 0.0}):
-        with SimulatedSerialPort() as board:
-            connection = SPEC.connection(port=board.port, **conversion)
-            with SPEC.open(SPEC.config(), connection, lambda: 10**9) as device:
-                for _ in range(3):
-                    board.send(encode(np.random.default_rng(0).normal(0, 1e-4, (5, 3))))
-                stamps.append(device.read(5.0).stamp_ns)
-    assert stamps[1] - stamps[0] == 1_050_000
 
 
 def test_a_skin_that_creeps_back_is_not_touched() -> None:

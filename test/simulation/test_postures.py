@@ -66,15 +66,3 @@ def test_pads_face_each_other_while_they_close(
     # fingers leave the pre-grasp together, and open beyond it
     np.testing.assert_allclose([finger.corner for finger in fingers], first, atol=0.01)
     assert first <= 0 or opposition(pads(model, name, 0.0))[0] > gaps[0] + 0.01
-
-
-@pytest.mark.parametrize('name', [name for name, *_ in HANDS])
-def test_the_whole_path_lies_inside_the_joints_limits(name: str) -> None:
-    hand = load_hand(name)
-    joints, limits = list(hand.driver.joints), hand.driver.limits
-    for finger in hand.fingers.values():
-        place = [joints.index(joint) for joint in finger.joints]
-        for closure in (0.0, finger.corner, 1.0):
-            posture = finger.posture(closure)
-            assert (posture >= limits.lower[place] - 1e-9).all(), (name, closure)
-            assert (posture <= limits.upper[place] + 1e-9).all(), (name, closure)

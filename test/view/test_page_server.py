@@ -64,7 +64,7 @@ def ask(page: PageServer, path: str, body: bytes | None = None, **headers: str) 
     """Status and text of an answer."""
     request = urllib.request.Request(page.address + path, body, headers)
     try:
-        with urllib.request.urlopen(request, timeout=20) as answer:
+        with urllib.request.urlopen(request, timeout=120) as answer:
             return answer.status, answer.read().decode()
     except urllib.error.HTTPError as error:
         with error:
@@ -109,9 +109,9 @@ def test_page_server_waits_for_a_page_and_ends_it(page: PageServer) -> None:
     heard: list[bytes] = []
     thread = threading.Thread(target=page.stream, args=(heard.append,))
     thread.start()
-    assert page.wait_for_page(20)
+    assert page.wait_for_page(120)
     page.close()
-    thread.join(20)
+    thread.join(120)
     assert heard[-1].startswith(b'event: end')
 
 
