@@ -9,6 +9,7 @@ import re
 import shutil
 import socket
 import subprocess
+import sys
 import tempfile
 from html import escape
 from pathlib import Path
@@ -52,6 +53,10 @@ _HOME = tempfile.TemporaryDirectory(prefix='tactile_ros_test_')
 os.environ['ROS_LOG_DIR'] = _HOME.name
 os.environ['MPLCONFIGDIR'] = _HOME.name
 os.environ['MPLBACKEND'] = 'Agg'
+
+# Else every process that a test starts compiles all that it imports.
+sys.dont_write_bytecode = False
+os.environ.pop('PYTHONDONTWRITEBYTECODE', None)
 
 # A loaded machine is slow now and then, which is no failure; every run tries the same examples.
 settings.register_profile(
@@ -109,11 +114,16 @@ def patience() -> Iterator[None]:
 
 @pytest.fixture(scope='session')
 def taught_skin(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Calibration of a multipole skin that knows five heads; not to be written."""
+    """Calibration of a multipole skin that knows five heads; not to be written.
+
+    Fitted once for all processes of a run.
+    """
     from reference import enrolled_skin
 
-    path = tmp_path_factory.mktemp('skin') / 'skin.npz'
-    enrolled_skin.five_heads().save(path)
+    folder = tmp_path_factory.getbasetemp()
+    path = (folder.parent if 'PYTEST_XDIST_WORKER' in os.environ else folder) / 'skin.npz'
+    if not path.exists():
+        enrolled_skin.five_heads().save(path)
     return path
 
 

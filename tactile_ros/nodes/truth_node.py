@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import threading
 import time
+from contextlib import suppress
 
 import numpy as np
 import rclpy
@@ -28,10 +29,7 @@ def _fresh(came_s: float, value: Array) -> Array:
 
 
 class TruthTopics(Closing):
-    """Newest force (3,) (N) and place (3,) (m) of two topics, each listened to where it is named.
-
-    What has not come yet, or for half a second, is NaN.
-    """
+    """Newest force (3,) (N) and place (3,) (m) of the topics named; NaN once half a second old."""
 
     def __init__(self, wrench: str, pose: str) -> None:
         self._force, self._place = (0.0, UNKNOWN), (0.0, UNKNOWN)  # with the time of arrival (s)
@@ -45,6 +43,7 @@ class TruthTopics(Closing):
                 self._node.create_subscription(kind, topic, take, qos_profile_sensor_data)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
+        self._ended = threading.Event()
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
 
@@ -59,10 +58,9 @@ class TruthTopics(Closing):
         return _fresh(*self._place) if self._pose else None
 
     def _spin(self) -> None:
-        try:
-            self._executor.spin()
-        except ExternalShutdownException:
-            return
+        with suppress(ExternalShutdownException):
+            while not self._ended.is_set():  # a shutdown by another thread may be missed
+                self._executor.spin_once(timeout_sec=0.1)
 
     def _take_force(self, message: WrenchStamped) -> None:
         self._force = (time.monotonic(), np.array(vector(message.wrench.force)))
@@ -72,7 +70,8 @@ class TruthTopics(Closing):
 
     def close(self) -> None:
         """End the node."""
-        self._executor.shutdown()
+        self._ended.set()
         self._thread.join()
+        self._executor.shutdown()
         self._node.destroy_node()
         try_shutdown()

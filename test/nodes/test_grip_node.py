@@ -165,7 +165,7 @@ APART = 0.3
 # a fast approach, since what a grasp takes is not what these tests are about; and patience with a
 # loaded machine, on which a pause is no fault
 QUICK = (
-    'stiffness_high:=41.0', 'fault_time:=30.0', 'closing_rate:=0.3', 'stale_after:=0.5',
+    'stiffness_high:=41.0', 'fault_time:=30.0', 'closing_rate:=1.0', 'stale_after:=0.5',
 )  # fmt: skip
 
 

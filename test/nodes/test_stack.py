@@ -241,7 +241,7 @@ def test_of_frames_that_waited_the_newest_is_answered_and_a_slip_in_any_counts(r
 
 
 def test_the_nodes_of_a_hand_have_the_names_of_the_processes(ros: Ros) -> None:
-    ros.init('hand:=joint_trajectory', 'seed:=3', 'sensor:=gradiometer', 'source:=simulated')
+    ros.init('hand:=joint_trajectory', 'seed:=3', 'source:=simulated')
     nodes = [ros.add(node) for node in stack.build()]
     names = [node.get_fully_qualified_name() for node in nodes]
     assert names == [
