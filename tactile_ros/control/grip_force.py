@@ -6,8 +6,9 @@ of the fingers grow together (`GripTargets`). An approach goes no further in the
 needs to react than the stiffest object yields under `IMPACT` asked forces.
 
 Fingers that oppose each other on a free object would push it to the weaker sensor: the part of
-their errors that pushes counts by `NET` until all are settled, for `NET_TIME` at most; afterwards
-only errors that leave the object where it is are regulated.
+their errors that pushes counts by `NET` until all are settled, for `NET_TIME` at most. Afterwards
+the squeeze alone is regulated, and each finger closes by its share of it: a difference between
+fingers of one side is what holds the object against turning.
 """
 
 from __future__ import annotations
