@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, Integers, JointLimits
 
 FULL = 0.95  # of the torque at which a drive clips
-SOFTLY = 0.4  # 1/s, approach of drives that give way
+SOFTLY = 0.5  # 1/s, approach of drives that give way
 SIDEWAYS = 0.25  # of the longest lever: of joints that the normal force does not load
 TELLS = 0.1  # of the fastest joint's motion, below which a joint tells no closure
 
