@@ -61,11 +61,12 @@ def read(path: Path) -> Page:
 
 
 def pages() -> dict[str, Page]:
-    """All pages but the glossary, by their paths in the repository."""
+    """All pages but the glossary and the tables of results, by their paths in the repository."""
     paths = [ROOT / name for name in ('README.md', 'CHANGELOG.rst', 'CONTRIBUTING.md')]
     paths += sorted((ROOT / 'docs').rglob('*.md'))
     read_by_name = {path.relative_to(ROOT).as_posix(): read(path) for path in paths}
-    return {name: page for name, page in read_by_name.items() if name != 'docs/glossary.md'}
+    left_out = ('docs/glossary.md', 'docs/results.md')
+    return {name: page for name, page in read_by_name.items() if name not in left_out}
 
 
 if __name__ == '__main__':

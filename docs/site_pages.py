@@ -1,5 +1,8 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Pages of the site made from the repository: home, interfaces, parameters, API, design."""
+"""Pages made from the repository: home, interfaces, parameters, API and design of the site.
+
+`python docs/site_pages.py` writes docs/results.md anew from the golden figures.
+"""
 
 from __future__ import annotations
 
@@ -65,7 +68,6 @@ def made_pages() -> dict[str, str]:
         'ros_reference.md': ros_reference,
         'api.md': api,
         'design.md': design,
-        'results.md': results,
     }
     return {name: make() for name, make in pages.items()}
 
@@ -208,3 +210,7 @@ def modules_of(name: str) -> list[str]:
         path.stem for path in folder.iterdir()
         if (path.suffix == '.py' or (path / '__init__.py').exists()) and path.stem[0] != '_'
     )  # fmt: skip
+
+
+if __name__ == '__main__':
+    (ROOT / 'docs' / 'results.md').write_text(results())

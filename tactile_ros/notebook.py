@@ -31,15 +31,9 @@ BAGS, FILES = ('.mcap', '.db3', '.zstd'), ('.npz', '.csv')
 
 
 class BagRecording(Recording):
-    """Recording out of a bag: the frames of its run's tares are tare rows.
+    """Recording out of a bag: the frames of its run's tares are tare rows."""
 
-    Attributes
-    ----------
-    run : LoadedRecording or None
-        What the bag tells of its live run; None: of a changed copy, as of any other recording.
-    """
-
-    run: LoadedRecording | None = None
+    run: LoadedRecording | None = None  # what the bag tells of it; None: of a changed copy
 
     def select(self, rows: Bools | Integers | slice) -> Recording:
         """Recording of some of the rows: no longer that of a whole run."""
@@ -96,10 +90,7 @@ class Calibration(Pipeline):
         datasets = []
         for number, one in enumerate(recordings, 1):
             run = _run_of(one) or LoadedRecording(f'recording {number}', one)
-            dataset = fleet.evaluate(run, {self.sensor: self})
-            (answer,) = dataset.answers
-            problems = dict.fromkeys((*dataset.problems, *answer.problems))
-            datasets.append(replace(dataset, problems=tuple(problems)))
+            datasets.append(fleet.evaluate(run, {self.sensor: self}))
         facts = provenance((one.name for one in datasets), {self.sensor: self})
         return Result('Evaluation', 'Calibration.evaluate in Python', facts, tuple(datasets))
 

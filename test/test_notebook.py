@@ -84,7 +84,8 @@ def test_report_prints_its_table_and_draws(
     lines = str(report).splitlines()
     assert lines[0].startswith('recording')
     assert [line.split('  ')[0] for line in lines[2:4]] == ['recording 1', 'recording 2']
-    assert 'recording 1, recording 2: mean error of place' in repr(report)
+    assert repr(report).startswith('Result(recording 1, recording 2: Is something touching?')
+    assert 'mean error of place' in repr(report)
     assert '\n' not in repr(report)
     with pytest.raises(RecordingError, match='at least one recording'):
         board.evaluate()

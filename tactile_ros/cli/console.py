@@ -135,11 +135,12 @@ class TimeEstimate(Closing):
 @contextmanager
 def working(
     what: str, stream: TextIO | None = None, patience_s: float = PATIENCE_S,
-    part: Callable[[], object] | None = None,
+    part: Callable[[], object] | None = None, expected: Callable[[], float] = lambda: 0.0,
 ) -> Iterator[None]:  # fmt: skip
     """Say on stderr what is being done once it takes long: a line, on a terminal the seconds.
 
-    `part` does one part in `SHARE` of it, from which a second processor tells the time of all.
+    `part` does one part in `SHARE` of it, from which a second processor tells the time of all;
+    else `expected` does (s), 0 as long as nobody knows.
     """
     done, began = threading.Event(), time.monotonic()
     file = stream or sys.stderr
@@ -155,7 +156,7 @@ def working(
             print(f'{what} ...', file=file, flush=True)
         while not done.wait(STEP_S) and (terminal or not about):
             seconds = time.monotonic() - began
-            expected_s = estimate.expected_s if estimate else 0.0
+            expected_s = estimate.expected_s if estimate else expected()
             about = f' of about {max(expected_s, seconds):.0f} s' if expected_s else ''
             if terminal or about:
                 line = f'{begin}{what} ... {seconds:.0f} s{about}'

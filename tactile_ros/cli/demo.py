@@ -33,13 +33,12 @@ import numpy as np
 
 from tactile_ros.cli import bench, interruptible
 from tactile_ros.cli.calibrate import sentences
-from tactile_ros.cli.console import show, working
+from tactile_ros.cli.console import SHARE, show, working
 from tactile_ros.cli.record import wait, wait_for_frames
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation import fleet
 from tactile_ros.evaluation.recording_files import LoadedRecording, load, save_recording
-from tactile_ros.evaluation.replay import replay
-from tactile_ros.evaluation.report import Dataset, Result, answer, provenance, table, write_report
+from tactile_ros.evaluation.report import Dataset, Result, provenance, table, write_report
 from tactile_ros.files import UNFINISHED
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import SensorSpec, load_sensor
@@ -164,7 +163,6 @@ def results(output: Path, *, overwrite: bool) -> Iterator[Path]:
 
 
 def _remove_empty(folder: Path) -> None:
-    """Remove a folder into which nothing came."""
     if not any(folder.iterdir()):
         folder.rmdir()
 
@@ -236,12 +234,16 @@ def measure(chosen: list[Part], output: Path, say: Say) -> tuple[Dataset, ...]:
         for name in (None, *COMPARED):
             for part in order:
                 fits[part.name].append(pool.submit(fit_one, part, name, output))
+        began, every = time.monotonic(), [fit for each in fits.values() for fit in each]
         for part in order:
-            everything = [fit for each in fits.values() for fit in each]
-            with working(f'fitting {part.name}'):
-                for fit in fits[part.name][:1] if part.in_time else everything:
+            wanted, since = fits[part.name][:1] if part.in_time else every, time.monotonic()
+            left = partial(time_left, every, wanted, began, since)
+            with working(f'fitting {part.name}', expected=left):
+                for fit in wanted:
                     fit.result()
-            say(f'{part.name}: {len(part.played)} rows through the graph, {part.speed_up:g}x')
+            stamps, rows = part.played.stamp_ns, len(part.played)
+            seconds = 0 if stamps is None else 1e-9 * (stamps[-1] - stamps[0]) / part.speed_up
+            say(f'{part.name}: {rows} rows through the graph, {part.speed_up:g}x, {seconds:.0f} s')
             say(f'{part.name}: {play(part, output)}')
     finally:
         pool.shutdown(cancel_futures=True)
@@ -250,6 +252,15 @@ def measure(chosen: list[Part], output: Path, say: Say) -> tuple[Dataset, ...]:
         judge(part, output, [load_sensor(SENSOR).load(fit.result()) for fit in fits[part.name]])
         for part in chosen
     )
+
+
+def time_left(
+    every: Sequence[Future[Path]], wanted: Sequence[Future[Path]], began: float, since: float
+) -> float:
+    """Time that waiting for wanted fits takes in all (s), by those that are made; 0: unknown."""
+    now, made = time.monotonic(), sum(fit.done() for fit in every)
+    left = sum(not fit.done() for fit in wanted)
+    return now - since + left * (now - began) / made if made else 0.0
 
 
 def workers() -> ProcessPoolExecutor:
@@ -296,32 +307,27 @@ def play(part: Part, output: Path) -> str:
 
 
 def judge(part: Part, output: Path, pipelines: list[Pipeline]) -> Dataset:
-    """Replay the bag with the best pipeline, others than it, and with its rest found alone."""
+    """Replay the bag with the best pipeline, others than it, and with the first tare alone."""
     best, *others = pipelines
     same = set(best.estimators.values())
     others = [other for other in others if set(other.estimators.values()) != same]
     loaded = load(output / 'bags' / part.name).recordings[0]
     dataset = _evaluated(loaded, [best, *others], part.summary, part.name)
-    first, *answers = dataset.answers
-    # the same frames with the first tare only, after the baseline of the calibration
-    untared = replace(loaded, baselines=loaded.baselines[:2], contacts=None, calibrations=())
-    name = f'{first.name}, rest found alone'
-    again = replay(untared, best)
-    alone = answer(name, loaded.recording, again.states, again.us_single, again.us_batch)
-    latency = np.zeros(0) if part.in_time else dataset.latency_s
-    return replace(dataset, answers=(first, alone, *answers), latency_s=latency)
+    return replace(dataset, latency_s=np.zeros(0)) if part.in_time else dataset
 
 
 def _evaluated(
     loaded: LoadedRecording, pipelines: Sequence[Pipeline], summary: str, name: str
 ) -> Dataset:
     """Answers of every pipeline, of which the first one made the live run."""
-    found = fleet.evaluate(loaded, {str(i): one for i, one in enumerate(pipelines)})
-    first = found.answers[0]
+    named = {str(i): one for i, one in enumerate(pipelines)}
+    once = fleet.evaluate(fleet.with_first_tare(loaded), named)
+    found = fleet.add_first_tare(fleet.evaluate(loaded, named), once)
+    first, *others = found.answers
+    others = [replace(one, agreement=None, problems=()) for one in others]
     return replace(
-        found, name=name, summary=summary, agreement=first.agreement,
-        problems=(*found.problems, *first.problems),
-    )  # fmt: skip
+        found, name=name, summary=summary, agreement=first.agreement, answers=(first, *others)
+    )
 
 
 def run_twin(
@@ -333,8 +339,7 @@ def run_twin(
     """
     key = spec.key
     say(f'calibrating {key} on simulated presses of seed {seed + 1}')
-    with working(f'fitting {key}'):
-        pipeline = fit_twin(spec, seed + 1, output / 'calibrations' / f'{key}.npz')
+    pipeline = fit_twin(spec, seed + 1, output / 'calibrations' / f'{key}.npz')
     say(f'twin of {key}, seed {seed}: {seconds:g} s through driver, nodes and recorder')
     play_twin(spec, seed, output, seconds, say)
     say('replaying the bag')
@@ -360,7 +365,12 @@ def fit_twin(spec: SensorSpec, seed: int, path: Path) -> Pipeline:
         train = spec.presses(config, seed)
         most = min(MOST_ROWS, MOST_READINGS // train.values[0].size)
         train = train.select(slice(None, None, -(-len(train) // most)))
-    spec.pipeline(config).fit(train).save(path)
+
+    def part() -> None:
+        spec.pipeline(config).fit(train.select(slice(0, -(-len(train) // SHARE))))
+
+    with working(f'fitting {spec.key}', part=part):
+        spec.pipeline(config).fit(train).save(path)
     return spec.load(path)
 
 

@@ -213,7 +213,6 @@ def bag_findings(check: BagCheck) -> list[Finding]:
 
 
 def _of_frames(check: FrameCheck) -> list[Finding]:
-    """Findings of the frames of one sensor in a bag."""
     lost, jumps = check.lost, check.jumps
     worst = jumps[np.argmax(np.abs(jumps))] if len(jumps) else 0.0
     share = ', '.join(f'{taxel} ({100 * part:.3g} %)' for taxel, part in check.dead.items())
@@ -377,7 +376,6 @@ def examine(options: argparse.Namespace) -> list[Finding]:
 
 
 def _pair(text: str) -> tuple[str, object]:
-    """Name and value of --set."""
     name, equals, value = text.partition('=')
     if not (name and equals):
         raise ValueError(f'--set must be NAME=VALUE; received {text!r}')
@@ -389,7 +387,6 @@ def _pair(text: str) -> tuple[str, object]:
 
 
 def _with(given: dict[str, object], *parts: object) -> tuple[SensorConfig, Connection]:
-    """Dataclasses with the fields that were given."""
     names = [{f.name for f in fields(part)} for part in parts]  # type: ignore[arg-type]
     every = set().union(*names)
     if stray := sorted(set(given) - every):
@@ -436,7 +433,6 @@ def findings(check: DeviceCheck) -> list[Finding]:
 
 
 def _pace(check: DeviceCheck) -> list[Finding]:
-    """Rate and jitter, from the stamps."""
     gaps = np.diff([frame.stamp_ns or 0 for frame in check.frames]) * 1e-9
     rate, jitter, nominal = 1.0 / gaps.mean(), float(gaps.std()), check.layout.rate_hz
     return [
@@ -459,7 +455,6 @@ def noise_of(check: DeviceCheck) -> Array:
 
 
 def _noise(check: DeviceCheck) -> Finding:
-    """Noise of the taxels, and those that differ from the others."""
     with np.errstate(all='ignore'):
         noise = noise_of(check)
     unit = check.layout.unit if check.layout.unit != '1' else 'of full scale'
@@ -487,7 +482,6 @@ def _temperature(check: DeviceCheck) -> Finding:
 
 
 def _marks(check: DeviceCheck) -> list[Finding]:
-    """Taxels that were marked."""
     blank = np.zeros(check.layout.shape[0], np.uint8)
     bits = np.array([blank if f.status is None else f.status for f in check.frames])
     found = []

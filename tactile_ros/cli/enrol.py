@@ -70,7 +70,6 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _learned(options: argparse.Namespace, pipeline: Pipeline) -> str:
-    """Learn from a recording; what was done."""
     window_of(pipeline)
     spec = load_sensor(pipeline.sensor)
     found, problems = find(options.recording, spec, pipeline.layout)
@@ -89,7 +88,6 @@ def _learned(options: argparse.Namespace, pipeline: Pipeline) -> str:
 
 
 def _live(options: argparse.Namespace) -> int:
-    """Ask contact_node."""
     from tactile_ros.nodes.enrolment_server import EnrolmentClient, EnrolRequest
 
     with EnrolmentClient(options.namespace) as client:

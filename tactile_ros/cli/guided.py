@@ -14,7 +14,7 @@ import shlex
 import sys
 import threading
 import time
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tactile_ros.cli import interruptible
-from tactile_ros.cli.console import working
 from tactile_ros.devices.transport import SerialPort
 from tactile_ros.errors import (
     DeviceError,
@@ -32,6 +31,7 @@ from tactile_ros.errors import (
     TactileError,
 )
 from tactile_ros.evaluation import fleet
+from tactile_ros.evaluation.bag import write_recording
 from tactile_ros.evaluation.guided import (
     FOLDS,
     HeldOut,
@@ -42,20 +42,9 @@ from tactile_ros.evaluation.guided import (
     held_out,
     joined,
     where_in_words,
-    write_bag,
 )
-from tactile_ros.evaluation.recording_files import (
-    LoadedRecording,
-    load_recording,
-    save_recording,
-)
-from tactile_ros.evaluation.report import (
-    Result,
-    environment,
-    for_drawing,
-    provenance,
-    write_report,
-)
+from tactile_ros.evaluation.recording_files import LoadedRecording, load_recording, save_recording
+from tactile_ros.evaluation.report import Result, for_drawing, provenance, write_report
 from tactile_ros.files import temporary_folder, write_atomically
 from tactile_ros.types import Closing
 from tactile_ros.view.page_server import PageServer
@@ -70,7 +59,7 @@ if TYPE_CHECKING:
 
 G = 9.80665  # m/s2
 UNKNOWN = np.full(3, np.nan)
-READ_S, SCALE_S = 1.0, 0.5
+READ_S, SCALE_S, LOOK_S = 1.0, 0.5, 0.1
 PRESSES, ROUND, LEAST = 24, 8, 6  # of a plan; between two looks at the error; for the first look
 ROUNDS = 3  # in which places are pressed again
 MOST_PRESSES, MOST_HOLD_S, MOST_BYTES = 10_000, 30.0, 10_000_000
@@ -87,7 +76,7 @@ class Truth(Closing):
 
     steady = True  # its forces count where a press is steady alone
     loads: tuple[float, ...] = ()  # (N) to be laid on, in turn
-    tells: tuple[str, ...] = ()  # columns of the truth that it measures
+    columns: tuple[str, ...] = ()  # of the truth that it measures
 
     def now(self) -> tuple[Array, Array | None]:
         """Force (3,) (N) and place (3,) (m) now; None: that of the target."""
@@ -98,8 +87,8 @@ class Truth(Closing):
 
     def silent(self, press: Recording) -> bool:
         """Nothing came for a press from where something should come."""
-        told = [press.truth.get(name, UNKNOWN) for name in self.tells]
-        return not all(np.isfinite(column).any() for column in told)
+        columns = (press.truth.get(name, UNKNOWN) for name in self.columns)
+        return not all(np.isfinite(column).any() for column in columns)
 
     def close(self) -> None:
         """End."""
@@ -121,7 +110,7 @@ class Weights(Truth):
 class Scale(Truth):
     """A scale below the sensor that prints its reading (g, kg or N) in lines."""
 
-    tells = ('force',)
+    columns = ('force',)
 
     def __init__(self, port: str) -> None:
         self._port, self._load, self._read_s = SerialPort(port, 9600), float('nan'), 0.0
@@ -166,7 +155,7 @@ class Topics(Truth):
         except ImportError as error:
             msg = 'topics need ROS 2; use weights, a scale or prompts, or set up with make'
             raise MissingPackageError(msg) from error
-        self.tells = ('force',) * bool(wrench) + ('position',) * bool(pose)
+        self.columns = ('force',) * bool(wrench) + ('position',) * bool(pose)
         self._topics = TruthTopics(wrench, pose)
 
     def now(self) -> tuple[Array, Array | None]:
@@ -233,10 +222,7 @@ class Folder(NamedTuple):
     ) -> list[tuple[int, Recording]]:
         """Make the folder, or take the presses of a session that began with the same options.
 
-        Raises
-        ------
-        RecordingError
-            If it holds something else.
+        Raises RecordingError if it holds something else.
         """
         file = self.path / SESSION
         if self.path.exists() and any(self.path.iterdir()):
@@ -255,7 +241,6 @@ class Folder(NamedTuple):
         return []
 
     def _stated(self) -> object:
-        """Options of the session that is there; None: there is none."""
         file = self.path / SESSION
         if not file.is_file():
             return None
@@ -267,7 +252,6 @@ class Folder(NamedTuple):
 
     @staticmethod
     def _press(file: Path, layout: Layout, count: int) -> tuple[int, Recording]:
-        """Number of the target and frames of a press of this session."""
         press = load_recording(file)
         number = press.truth.get('repetition', np.full(1, -1.0))[0]
         places = press.layout.positions
@@ -298,7 +282,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _refuse(options: argparse.Namespace) -> None:
-    """Raise ValueError for numbers that guide to nothing."""
     for name, low, high in (
         ('presses', 2, MOST_PRESSES), ('hold', 0.05, MOST_HOLD_S), ('page', 0, 65535),
         ('goal_mm', 1e-6, 1e6), ('goal_n', 1e-6, 1e6),
@@ -309,8 +292,9 @@ def _refuse(options: argparse.Namespace) -> None:
             raise ValueError(f'--{word} must be {low:g} to {high:g}; received {value}')
     if options.output.suffix != '.npz':
         raise ValueError(f'-o must end in .npz; received {str(options.output)!r}')
-    if not options.port and (options.plan or options.pose):
-        raise ValueError('--plan and --pose need --port: a simulated sensor presses itself')
+    if not options.port and (options.truth or options.plan or options.pose):
+        msg = '--truth, --plan and --pose need --port: a simulated sensor presses itself'
+        raise ValueError(msg)
 
 
 def truth_of(options: argparse.Namespace, simulated: SimulatedPresses | None) -> Truth:
@@ -373,31 +357,144 @@ class Judge:
 
     def __init__(self, make: Callable[[], Pipeline]) -> None:
         self._make, self._thread = make, threading.Thread()
+        self._folds: list[float] = []  # times at which fits of the last look began
         self.found: HeldOut | None = None
         self.of = 0  # presses that it was found from
+        self.failure = ''  # why the last look found nothing
+
+    @property
+    def busy(self) -> bool:
+        """True while it looks."""
+        return self._thread.is_alive()
+
+    @property
+    def fit_s(self) -> float:
+        """Time of one fit (s); 0: not known yet."""
+        return self._folds[1] - self._folds[0] if len(self._folds) > 1 else 0.0
 
     def begin(self, guide: PressGuide) -> None:
         """Judge the presses of a guide, unless it is still busy."""
-        if not self._thread.is_alive():
-            presses, targets = list(guide.presses), list(guide.targets)
-            self._thread = threading.Thread(target=self._try, args=(presses, targets), daemon=True)
+        if not self.busy:
+            what = list(guide.presses), list(guide.targets)
+            self._thread = threading.Thread(target=self._work, args=what, daemon=True)
             self._thread.start()
 
-    def _try(self, presses: Sequence[tuple[int, Recording]], targets: Sequence[Target]) -> None:
-        with suppress(TactileError, ValueError, ArithmeticError):  # `finish` says why
-            self._work(presses, targets)
-
-    def finish(self, guide: PressGuide) -> HeldOut:
-        """Errors of all presses, waited for."""
-        if self._thread.is_alive():
-            self._thread.join()
-        if self.found is None or self.of < len(guide.presses):
-            self._work(guide.presses, guide.targets)
-        assert self.found is not None
-        return self.found
-
     def _work(self, presses: Sequence[tuple[int, Recording]], targets: Sequence[Target]) -> None:
-        self.found, self.of = held_out(self._make, presses, targets), len(presses)
+        folds = self._folds = []
+
+        def pipeline() -> Pipeline:
+            folds.append(time.monotonic())
+            return self._make()
+
+        try:
+            self.found, self.failure = held_out(pipeline, presses, targets), ''
+        except (TactileError, ValueError, ArithmeticError) as error:
+            self.failure = str(error)
+        finally:
+            self.of = len(presses)
+
+
+class Session:
+    """One guided calibration: what is read goes to guide, page, folder and terminal."""
+
+    def __init__(
+        self, guide: PressGuide, truth: Truth, folder: Folder, page: PageServer, judge: Judge,
+        nominal: Pipeline,
+    ) -> None:  # fmt: skip
+        self.guide, self.truth, self.folder, self.page = guide, truth, folder, page
+        self.judge, self.nominal, self._last_line = judge, nominal, ''
+
+    def follow(self, read: Callable[[], Frame], options: argparse.Namespace) -> None:
+        """Guide until every press is done and the error is as wanted, or no round is left."""
+        for again in range(ROUNDS + 1):
+            while self.guide.phase is not Phase.DONE:
+                self.step(read)
+            found = self.judged()
+            self.log(f'error on places held out: {found}')
+            worst = found.worst(options.goal_mm and 1e-3 * options.goal_mm, options.goal_n)
+            if not worst or again == ROUNDS or (again and not (options.goal_mm or options.goal_n)):
+                return
+            numbers = sorted({self.guide.presses[i][0] for i in worst})
+            places = np.array([self.guide.targets[i].position for i in numbers])
+            every = np.array([one.position for one in self.guide.targets])
+            self.log(f'{len(numbers)} more presses {where_in_words(places, every)}')
+            self.guide.repeat(numbers)
+
+    def judged(self) -> HeldOut:
+        """Errors of all presses, waited for."""
+        judge, count = self.judge, len(self.guide.presses)
+        while judge.busy or judge.of < count:
+            judge.begin(self.guide)
+            self.wait('judging on places held out', FOLDS * judge.fit_s)
+            time.sleep(LOOK_S)
+        if judge.found is None or judge.failure:
+            raise RecordingError(f'nothing can be fitted: {judge.failure}')
+        return judge.found
+
+    def wait(self, what: str, seconds: float) -> None:
+        """Tell page and terminal what is computed, and how long it takes once that is known."""
+        text = f'{what}, about {seconds:.0f} s' if seconds else what
+        self.page.guide({**self.as_json(), 'text': text})
+        self.log(text)
+
+    def step(self, read: Callable[[], Frame]) -> None:
+        """Take the next frame."""
+        try:
+            frame = read()
+        except DeviceTimeout as error:
+            self.log(str(error))
+            return
+        guide, judge = self.guide, self.judge
+        before = guide.preflight
+        self.truth.follow(guide.phase, guide.number)
+        press = guide.step(frame, *self.truth.now())
+        if guide.preflight is not before and guide.preflight is not None:
+            for problem in guide.preflight.problems:
+                self.log(problem)
+        if press is not None:
+            self.folder.write(len(guide.presses), press)
+            if self.truth.silent(press):
+                self.log('nothing came that tells the truth of this press: look at its source')
+            if judge.failure:
+                self.log(f'no error is known yet: {judge.failure}')
+            if len(guide.presses) >= LEAST and len(guide.presses) % ROUND == 0:
+                judge.begin(guide)
+        self.log(self.instruction())
+        self.page.show('', guide.layout, frame, self.nominal.process(frame))
+        self.page.guide(self.as_json())
+
+    def instruction(self) -> str:
+        """Sentence on what to do now."""
+        guide, number = self.guide, self.guide.number
+        if number is None or guide.phase in (Phase.CHECK, Phase.DONE):
+            return guide.phase.value
+        target = guide.targets[number]
+        x, y = 1e3 * target.position[:2]
+        place = f' at x {x:.1f}, y {y:.1f} mm' if np.isfinite(x) else ''
+        load = f' with {1e3 * target.load / G:.0f} g' if np.isfinite(target.load) else ''
+        text = {
+            Phase.PRESS: f'press{place}{load}', Phase.HOLD: f'hold{load}',
+        }.get(guide.phase, guide.remark or guide.phase.value)  # fmt: skip
+        return f'{len(guide.presses) + 1} of {guide.wanted.sum()}: {text}'
+
+    def as_json(self) -> dict[str, object]:
+        """State of the guide for the page."""
+        guide, judge = self.guide, self.judge
+        error = f'held out: {judge.found}' if judge.found else judge.failure
+        return {
+            'targets': [
+                [*np.nan_to_num(one.position[:2]).tolist(), int(count)]
+                for one, count in zip(guide.targets, guide.counts, strict=True)
+            ],
+            'next': guide.number, 'phase': guide.phase.name.lower(),
+            'text': self.instruction(), 'error': error,
+        }  # fmt: skip
+
+    def log(self, text: str) -> None:
+        """Print a line on stderr, once."""
+        if text != self._last_line:
+            self._last_line = text
+            print(text, file=sys.stderr, flush=True)
 
 
 def run(options: argparse.Namespace, spec: SensorSpec, config: SensorConfig) -> Pipeline:
@@ -417,7 +514,7 @@ def run(options: argparse.Namespace, spec: SensorSpec, config: SensorConfig) -> 
         layout = spec.layout(config)
         presses = folder.begin(stated, layout, overwrite=options.overwrite)
         guide = PressGuide(layout, targets, truth.steady, options.hold, presses)
-        page = held.enter_context(PageServer(options.page))
+        page = held.enter_context(PageServer(options.page, option='--page'))
         print(f'showing {page.address} ; Ctrl-C stops, the same command goes on', file=sys.stderr)
         if presses:
             print(f'going on after {len(presses)} presses', file=sys.stderr)
@@ -431,124 +528,35 @@ def run(options: argparse.Namespace, spec: SensorSpec, config: SensorConfig) -> 
         session = Session(guide, truth, folder, page, judge, spec.pipeline(config))
         with interruptible():
             session.follow(lambda: device.read(READ_S), options)
-    return finish(options, spec, config, guide, folder)
-
-
-class Session:
-    """One guided calibration: what is read goes to guide, page, folder and terminal."""
-
-    def __init__(
-        self, guide: PressGuide, truth: Truth, folder: Folder, page: PageServer, judge: Judge,
-        nominal: Pipeline,
-    ) -> None:  # fmt: skip
-        self.guide, self.truth, self.folder, self.page = guide, truth, folder, page
-        self.judge, self.nominal, self._said = judge, nominal, ''
-
-    def follow(self, read: Callable[[], Frame], options: argparse.Namespace) -> None:
-        """Guide until every press is done and the error is as wanted, or no round is left."""
-        for again in range(ROUNDS + 1):
-            while self.guide.phase is not Phase.DONE:
-                self.step(read)
-            with working('judging on places held out'):
-                found = self.judge.finish(self.guide)
-            self.log(f'error on places held out: {found}')
-            worst = found.worst(options.goal_mm and 1e-3 * options.goal_mm, options.goal_n)
-            if not worst or again == ROUNDS or (again and not (options.goal_mm or options.goal_n)):
-                return
-            numbers = sorted({self.guide.presses[i][0] for i in worst})
-            places = np.array([self.guide.targets[i].position for i in numbers])
-            every = np.array([one.position for one in self.guide.targets])
-            self.log(f'{len(numbers)} more presses {where_in_words(places, every)}')
-            self.guide.repeat(numbers)
-
-    def step(self, read: Callable[[], Frame]) -> None:
-        """Take the next frame."""
-        try:
-            frame = read()
-        except DeviceTimeout as error:
-            self.log(str(error))
-            return
-        guide = self.guide
-        before = guide.preflight
-        self.truth.follow(guide.phase, guide.number)
-        press = guide.step(frame, *self.truth.now())
-        if guide.preflight is not before and guide.preflight is not None:
-            for problem in guide.preflight.problems:
-                self.log(problem)
-        if press is not None:
-            self.folder.write(len(guide.presses), press)
-            if self.truth.silent(press):
-                self.log('nothing came that tells the truth of this press: look at its source')
-            if len(guide.presses) >= LEAST and len(guide.presses) % ROUND == 0:
-                self.judge.begin(guide)
-        self.log(self.instruction())
-        self.page.show('', guide.layout, frame, self.nominal.process(frame))
-        self.page.guide(self.as_json())
-
-    def instruction(self) -> str:
-        """Sentence on what to do now."""
-        guide, number = self.guide, self.guide.number
-        if number is None or guide.phase in (Phase.CHECK, Phase.DONE):
-            return guide.phase.value
-        target = guide.targets[number]
-        x, y = 1e3 * target.position[:2]
-        place = f' at x {x:.1f}, y {y:.1f} mm' if np.isfinite(x) else ''
-        load = f' with {1e3 * target.load / G:.0f} g' if np.isfinite(target.load) else ''
-        said = {
-            Phase.REST: guide.remark or guide.phase.value,
-            Phase.RELEASE: guide.remark or guide.phase.value,
-            Phase.PRESS: f'press{place}{load}', Phase.HOLD: f'hold{load}',
-        }.get(guide.phase, guide.phase.value)  # fmt: skip
-        return f'{len(guide.presses) + 1} of {guide.wanted.sum()}: {said}'
-
-    def as_json(self) -> dict[str, object]:
-        """State of the guide for the page."""
-        guide, counts = self.guide, self.guide.counts
-        error = '' if self.judge.found is None else f'held out: {self.judge.found}'
-        return {
-            'targets': [
-                [*np.nan_to_num(one.position[:2]).tolist(), int(count)]
-                for one, count in zip(guide.targets, counts, strict=True)
-            ],
-            'next': guide.number, 'phase': guide.phase.name.lower(),
-            'text': self.instruction(), 'error': error,
-        }  # fmt: skip
-
-    def log(self, text: str) -> None:
-        """Print a line on stderr, once."""
-        if text != self._said:
-            self._said = text
-            print(text, file=sys.stderr, flush=True)
+        return finish(options, spec, config, session)
 
 
 def finish(
-    options: argparse.Namespace, spec: SensorSpec, config: SensorConfig, guide: PressGuide,
-    folder: Folder,
-) -> Pipeline:  # fmt: skip
+    options: argparse.Namespace, spec: SensorSpec, config: SensorConfig, session: Session
+) -> Pipeline:
     """Fit on all presses; write calibration, bag and a report on places held out."""
-    whole = joined(guide.presses, guide.targets)
+    folder, fit_s = session.folder.path, session.judge.fit_s
+    whole = joined(session.guide.presses, session.guide.targets)
     pipeline = spec.pipeline(config, options.estimator)
-    with working(f'fitting {spec.key}'):
-        pipeline.fit(whole)
+    session.wait(f'fitting {spec.key}', fit_s * FOLDS / (FOLDS - 1))
+    pipeline.fit(whole)
     if not pipeline.estimators:
         names = ', '.join(sorted(whole.truth))
-        raise RecordingError(f'nothing can be learned from {folder.path}: truth has {names}')
+        raise RecordingError(f'nothing can be learned from {folder}: truth has {names}')
     pipeline.save(options.output)
-    save_recording(whole, folder.path / 'presses.npz')
-    place = folder.path / f'bag_{pipeline.digest[:8]}'  # one for each fit: none is replaced
+    save_recording(whole, folder / 'presses.npz')
+    place = folder / f'bag_{pipeline.digest[:8]}'  # one for each fit: none is replaced
     if not place.exists():
         with temporary_folder(place) as bag:
-            write_bag(whole, bag)
-    groups = whole.truth['repetition']
-    apart = np.isin(groups % FOLDS, 0)
-    with working('drawing the report'):
-        others = spec.pipeline(config, options.estimator).fit(whole.select(~apart))
-        loaded = LoadedRecording('places held out', whole.select(apart))
-        found = fleet.evaluate(loaded, {'calibration on the other places': others})
-        command = shlex.join(['tactile', *sys.argv[1:]])
-        facts = provenance([str(folder.path / 'presses.npz')], {options.output.name: pipeline})
-        result = Result('Guided calibration', command, {**environment(), **facts},
-                        (for_drawing(found),))  # fmt: skip
-        write_report(folder.path / 'report.html', result)
-    print(f'presses, bag and report in {folder.path}', file=sys.stderr)
+            write_recording(whole, bag)
+    apart = np.isin(whole.truth['repetition'] % FOLDS, 0)
+    session.wait('drawing the report', fit_s)
+    others = spec.pipeline(config, options.estimator).fit(whole.select(~apart))
+    loaded = LoadedRecording('places held out', whole.select(apart))
+    found = fleet.evaluate(loaded, {'calibration on the other places': others})
+    command = shlex.join(['tactile', *sys.argv[1:]])
+    facts = provenance([str(folder / 'presses.npz')], {options.output.name: pipeline})
+    result = Result('Guided calibration', command, facts, (for_drawing(found),))
+    write_report(folder / 'report.html', result)
+    print(f'presses, bag and report in {folder}', file=sys.stderr)
     return pipeline

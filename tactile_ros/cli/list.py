@@ -38,7 +38,6 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _row(spec: SensorSpec) -> tuple[str, ...]:
-    """A sensor in the order of the columns."""
     connection = spec.connection()
     buses = getattr(connection, 'buses', ())
     ways = [f'buses {", ".join(buses)}'] if buses else []

@@ -31,18 +31,8 @@ from tactile_ros.cli.console import (
     working,
 )
 from tactile_ros.errors import RecordingError
-from tactile_ros.evaluation import fleet
+from tactile_ros.evaluation import fleet, report
 from tactile_ros.evaluation.fleet import Job, Outcome, open_calibration
-from tactile_ros.evaluation.report import (
-    PAGE_MARK,
-    Dataset,
-    Result,
-    environment,
-    for_drawing,
-    provenance,
-    write_pictures,
-    write_report,
-)
 from tactile_ros.evaluation.truth import DEFAULT_TRUTH
 from tactile_ros.pipeline import Pipeline
 
@@ -89,7 +79,7 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(f'--jobs must be 1 or more; received {options.jobs}')
     pipelines = [open_calibration(path) for path in options.calibration]
     if options.report:
-        refuse_unwritable(options.report, PAGE_MARK, overwrite=options.overwrite)
+        refuse_unwritable(options.report, report.PAGE_MARK, overwrite=options.overwrite)
     if options.save:
         refuse_unwritable(options.save)
         for end, mark in fleet.MARKS.items():
@@ -99,8 +89,10 @@ def run(options: argparse.Namespace) -> int:
         refuse_no_pictures(options.png)
     command = shlex.join(['tactile', 'replay', *map(str, sys.argv[2:])])
     calibrations = tuple(map(str, options.calibration))
-    times = (None if s is None else round(s * 1e9) for s in (options.tolerance, options.delay))
-    job = Job('', calibrations, tuple(options.truth) or DEFAULT_TRUTH, *times)
+    given = (options.tolerance, options.delay)
+    tolerance_ns, delay_ns = (None if s is None else round(s * 1e9) for s in given)
+    truth = tuple(options.truth) or DEFAULT_TRUTH
+    job = Job('', calibrations, truth, tolerance_ns, delay_ns, options.report is not None)
     jobs = [replace(job, recording=name) for name in dict.fromkeys(options.recordings)]
     alone = working('replaying') if len(jobs) == 1 else nullcontext()
     with alone, Progress(len(jobs)) as progress:
@@ -111,10 +103,10 @@ def run(options: argparse.Namespace) -> int:
     failed = [outcome.failure for outcome in outcomes if outcome.failure]
     if len(failed) == len(outcomes):
         raise RecordingError('; '.join(failed))
-    notes = [text for outcome in outcomes for one in outcome.results for text in sentences_of(one)]
+    notes = [text for outcome in outcomes for one in outcome.results for text in one.sentences]
     show(*fleet.table(outcomes), as_json=options.json, notes=notes)
     if options.save:
-        files = fleet.save(options.save, outcomes, command, environment())
+        files = fleet.save(options.save, outcomes, command, report.environment())
         print(f'saved: {files[0]}, {files[1]}', file=sys.stderr)
     if options.report or options.png:
         _report(options, pipelines, outcomes, command)
@@ -122,35 +114,18 @@ def run(options: argparse.Namespace) -> int:
     return 1 if failed else 0
 
 
-def sentences_of(one: Dataset) -> list[str]:
-    """Sentences on a recording that must be known beside its row of the table."""
-    sentences = [f'{topic}: {how}' for topic, how in one.association.items()]
-    for found in one.answers:
-        if found.agreement is not None:
-            which = f'{found.calibration}: ' if len(one.answers) > 1 else ''
-            worst = found.agreement.largest
-            sentences.append(f'{which}replay and live contacts differ by at most {worst:.1g}')
-        sentences += found.problems
-    unique = dict.fromkeys([*sentences, *one.problems])
-    return [f'{one.source or one.name}: {sentence}' for sentence in unique]
-
-
 def _report(
-    options: argparse.Namespace,
-    pipelines: list[Pipeline],
-    outcomes: list[Outcome],
-    command: str,
+    options: argparse.Namespace, pipelines: list[Pipeline], outcomes: list[Outcome], command: str
 ) -> None:
-    """Write the report and its pictures, as far as they are asked for."""
-    datasets = [for_drawing(one) for outcome in outcomes for one in outcome.results]
+    datasets = [report.for_drawing(one) for outcome in outcomes for one in outcome.results]
     failed = [f'Left out: {outcome.failure}' for outcome in outcomes if outcome.failure]
     notes = dict.fromkeys(said for p in pipelines for said in calibrate.sentences(p.report))
     named = dict(zip((path.name for path in options.calibration), pipelines, strict=True))
-    facts = provenance(options.recordings, named)
-    result = Result('Replay', command, facts, tuple(datasets), (*failed, *notes))
+    facts = report.provenance(options.recordings, named)
+    result = report.Result('Replay', command, facts, tuple(datasets), (*failed, *notes))
     if options.report:
-        write_report(options.report, result)
+        report.write_report(options.report, result)
         print(f'report: {options.report}', file=sys.stderr)
     if options.png:
-        for picture in write_pictures(options.png, result):
+        for picture in report.write_pictures(options.png, result):
             print(f'picture: {picture}', file=sys.stderr, flush=True)

@@ -25,7 +25,7 @@ import webbrowser
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -33,7 +33,7 @@ from pathlib import Path
 import numpy as np
 
 from tactile_ros.cli import interruptible
-from tactile_ros.cli.console import note, refuse_unwritable, working
+from tactile_ros.cli.console import PATIENCE_S, SHARE, note, refuse_unwritable, working
 from tactile_ros.errors import DeviceTimeout, MissingPackageError, RecordingError
 from tactile_ros.evaluation.fleet import open_calibration
 from tactile_ros.evaluation.recording_files import LoadedRecording, load
@@ -237,8 +237,12 @@ def learning(fit: Callable[[], Pipeline]) -> Future[Pipeline]:
 def fitted(spec: SensorSpec, config: SensorConfig, seed: int) -> Pipeline:
     """Pipeline that has learned from some of a twin's presses, within seconds."""
     train = spec.presses(config, seed)
-    every = -(-len(train) // MOST_ROWS)
-    return spec.pipeline(config).fit(train.select(slice(None, None, every)))
+    some, began = train.select(slice(None, None, -(-len(train) // MOST_ROWS))), time.monotonic()
+    with suppress(ValueError):  # a part may tell too little
+        spec.pipeline(config).fit(some.select(slice(0, -(-len(some) // SHARE))))
+        if (seconds := SHARE * (time.monotonic() - began)) > PATIENCE_S:
+            print(f'calibrating on simulated presses, about {seconds:.0f} s', file=sys.stderr)
+    return spec.pipeline(config).fit(some)
 
 
 def show_recordings(

@@ -1,8 +1,7 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Health of a bag: its topics, frames lost, repeated or out of time, dead taxels; its repair.
 
-The bag is read as a replay reads it, in pieces, so that a check names what a replay leaves out. A
-few numbers of each frame are kept, its readings are not.
+The bag is read as a replay reads it, in pieces, so that a check names what a replay leaves out.
 """
 
 from __future__ import annotations

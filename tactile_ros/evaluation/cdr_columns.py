@@ -1,16 +1,11 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Serialised messages of one type as columns: every field of many messages at once, by numpy.
 
-Messages whose texts and lists have the same lengths hold each field at the same place. So one
-message of a kind is walked through by its type's definition, and the others of that kind are cut
-at the same places: 5 us for the three messages of a frame (20 chips, contacts, truth), where
-rosbags takes 130 us; a replay at 500 x real time has 20 us in all. What does not fit goes through
-rosbags once and is tried again; what rosbags cannot read either is damaged.
-
-Notes
------
-XCDR version 1, little-endian, as ROS 2 writes it: 4 bytes in front, numbers aligned to their size
-from there on, a length of 4 bytes before a text (which ends with a zero) and a list.
+Messages whose texts and lists have the same lengths hold each field at the same place: one is
+walked through by its type's definition, the others are cut at the same places. That takes 5 us for
+the three messages of a frame, rosbags 130 us; a replay at 500 x real time has 20 us in all. What
+does not fit (XCDR version 1, little-endian, as ROS 2 writes it) goes through rosbags once and is
+tried again; what rosbags cannot read either is damaged.
 """
 
 from __future__ import annotations
@@ -22,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.evaluation.bag import all_types
+from tactile_ros.evaluation.bag import BASE, NAME, SEQUENCE, all_types
 from tactile_ros.messages import FIELD_NAMES, TAXELS, VECTORS, WRENCH_BLOCKS
 from tactile_ros.types import STATE_FIELDS, Columns, field_shape
 
@@ -38,7 +33,6 @@ STRING = 'std_msgs/msg/String'
 FieldDescription: TypeAlias = Any  # a text or nested tuples, which rosbags gives no types
 FRONT_BYTES = 4
 MOST_ENTRIES = 4096  # of a list of messages, each of which has columns of its own
-BASE, NAME, ARRAY, SEQUENCE = 1, 2, 3, 4  # kinds of a field in rosbags
 NUMBERS = {
     'bool': '?', 'byte': 'u1', 'char': 'u1', 'int8': 'i1', 'uint8': 'u1', 'int16': '<i2',
     'uint16': '<u2', 'int32': '<i4', 'uint32': '<u4', 'int64': '<i8', 'uint64': '<u8',
@@ -128,10 +122,7 @@ class MessageLayout:
 
 
 def read_columns(messages: Sequence[bytes], type_name: str) -> tuple[list[Group], int]:
-    """Decode serialised messages (CDR) of one type, those without columns through rosbags.
-
-    Returns a group for each kind of message, and how many are damaged and in no group.
-    """
+    """Groups of serialised messages (CDR) of one type, and how many are damaged and in none."""
     sizes = np.array([len(data) for data in messages], np.int64)
     groups: list[Group] = []
     damaged = 0
@@ -249,10 +240,7 @@ def widened(name: str, column: npt.NDArray[np.generic], patches: int) -> npt.NDA
 
 
 def read_frames(messages: Sequence[bytes], shape: tuple[int, int]) -> Rows:
-    """Arrays (n, ...) of serialised TactileFrames of taxels and channels (t, c) by field.
-
-    Others are misfits.
-    """
+    """Arrays (n, ...) of serialised TactileFrames (t, c) by field; of others they are misfits."""
     taxels, channels = shape
 
     def fits(columns: Columns) -> bool:
@@ -277,10 +265,7 @@ def read_frames(messages: Sequence[bytes], shape: tuple[int, int]) -> Rows:
 def read_contacts(
     messages: Sequence[bytes], taxels: int, wanted: Container[str] = STATE_FIELDS
 ) -> Rows:
-    """Wanted state attributes of serialised TactileContacts, as `messages.read_contacts` has them.
-
-    Messages of another count of taxels are misfits.
-    """
+    """Wanted state attributes of serialised TactileContacts; of other taxels they are misfits."""
 
     def fits(columns: Columns) -> bool:
         return all(columns[name].shape[1] in (0, taxels) for name in TAXELS)
@@ -304,7 +289,6 @@ def read_contacts(
 
 
 def _state_values(columns: Columns, name: str) -> npt.NDArray[np.generic]:
-    """State attribute as the message has it; empty: not at all."""
     if name in VECTORS:
         return vectors_of(columns, FIELD_NAMES.get(name, name))
     if block := WRENCH_BLOCKS.get(name):
@@ -313,7 +297,6 @@ def _state_values(columns: Columns, name: str) -> npt.NDArray[np.generic]:
 
 
 def _patch_ids(columns: Columns) -> Integers:
-    """Ids of the patches, shape (n, k)."""
     ids = [columns[name] for name in columns if re.fullmatch(r'contacts\.\d+\.id', name)]
     count = len(columns['sequence'])
     return np.stack(ids, axis=1).astype(np.int64) if ids else np.zeros((count, 0), np.int64)

@@ -1,11 +1,9 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Paired comparison of estimates of the same frames: difference, interval and p-value.
 
-Errors are paired by frame and added up by group (place, press cycle or session): frames of a group
-err alike, so groups are what is drawn and swapped. The interval is a bootstrap over groups, whose
-percentiles are widened for few of them (Hesterberg, The American Statistician 69, 2015). The
-p-value is that of a permutation test that swaps both estimates in whole groups (sign flips),
-two-sided and of the same figure as the difference; exact for few groups.
+Frames of a group (place, press cycle or session) err alike, so groups are drawn and swapped. The
+interval is a bootstrap whose percentiles are widened for few groups (Hesterberg, The American
+Statistician 69, 2015); the p-value is of a permutation test (sign flips), two-sided.
 """
 
 from __future__ import annotations
@@ -17,6 +15,7 @@ import numpy as np
 from scipy.special import ndtr, stdtrit
 
 from tactile_ros.errors import RecordingError
+from tactile_ros.evaluation.figures import NAMES, Figure, Plot, rounded, span_of
 from tactile_ros.evaluation.metrics import class_errors, place_groups, target_errors
 from tactile_ros.evaluation.replay import Follower, gathered, with_known_rests, with_tare_rows
 from tactile_ros.types import STATE_FIELDS, Array, ContactStates, Integers, Recording, groups_of
@@ -116,7 +115,6 @@ def costs_of(competitor: Competitor) -> dict[str, Costs]:
 
 
 def _joined(parts: Sequence[Costs]) -> Costs:
-    """Costs of several recordings, whose groups stay apart."""
     number = np.repeat(np.arange(len(parts)), [len(part.cost) for part in parts])
     pairs = np.column_stack([number, np.concatenate([part.groups for part in parts])])
     groups = np.unique(pairs, axis=0, return_inverse=True)[1].reshape(-1)
@@ -160,14 +158,12 @@ def refuse_unequal(first: Competitor, second: Competitor) -> None:
 
 
 def _same(a: object, b: object) -> bool:
-    """True for equal arrays; NaN equals NaN."""
     one, other = np.asarray(a), np.asarray(b)
     floats = one.dtype.kind == other.dtype.kind == 'f'
     return (a is None) == (b is None) and np.array_equal(one, other, equal_nan=floats)
 
 
 def _comparison(names: tuple[str, str], target: str, pair: Costs, seed: int) -> Comparison:
-    """Compare the costs (n, 2) of a pair."""
     known = np.isfinite(pair.cost)
     both, root = np.asarray(known.all(axis=1)), pair.measure == 'RMSE'
     _, group = np.unique(pair.groups[both], return_inverse=True)
@@ -188,19 +184,16 @@ def _comparison(names: tuple[str, str], target: str, pair: Costs, seed: int) -> 
 
 
 def _figures(sums: Array, count: Array | float, root: bool) -> Array:
-    """Mean cost, or the root of it."""
     mean = np.maximum(sums, 0.0) / count  # a sum that was subtracted may be -1e-20
     return np.asarray(np.sqrt(mean) if root else mean)
 
 
 def _parts(groups: int) -> Iterator[int]:
-    """Numbers of resamples that are held at once."""
     part = max(1, MOST_CELLS // groups)
     return (min(part, RESAMPLES - begun) for begun in range(0, RESAMPLES, part))
 
 
 def _resampled(sums: Array, count: Array, root: bool, rng: np.random.Generator) -> Array:
-    """Differences (r,) where groups are drawn with replacement."""
     groups, found = len(count), []
     for size in _parts(groups):
         drawn = rng.multinomial(groups, np.full(groups, 1 / groups), size).astype(np.float64)
@@ -209,7 +202,6 @@ def _resampled(sums: Array, count: Array, root: bool, rng: np.random.Generator) 
 
 
 def _interval(resampled: Array, groups: int) -> tuple[float, float]:
-    """Widened percentiles; NaN of a single group, which tells no spread."""
     if groups < 2:
         return float('nan'), float('nan')
     tail = ndtr(np.sqrt(groups / (groups - 1)) * stdtrit(groups - 1, LEVEL / 2))
@@ -280,8 +272,7 @@ def held_out(
 ) -> Competitor:
     """Estimates of every fifth group by a pipeline that was fitted to the others, five times.
 
-    Groups are places where they repeat, else press cycles or sessions; rows of no group, such as
-    tares between places, are in every fit.
+    Groups are places where they repeat, else press cycles or sessions; others are in every fit.
     """
     recordings = with_known_rests([with_tare_rows(one)[0] for one in loaded])
     folds = [_folds(one) for one in recordings]
@@ -303,7 +294,6 @@ def held_out(
 
 
 def _folds(recording: Recording) -> Integers:
-    """Fold (s,) of each row; -1: of none."""
     groups = np.asarray(groups_of(recording)['group'], np.int64)
     if 'position' in recording.truth:
         plane = np.asarray(recording.truth['position'], np.float64)[:, :2]
@@ -318,3 +308,31 @@ def row_of(one: Comparison) -> tuple[Cell, ...]:
         ' and '.join(one.names), f'{one.target} {one.measure} ({one.unit})', one.first, one.second,
         one.difference, one.low, one.high, one.p, len(one.by_group), one.frames,
     )  # fmt: skip
+
+
+def paired_groups(found: Comparison) -> Figure:
+    """Figure of both competitors in every group, and the bootstrap of their difference."""
+    first, second = found.names
+    words = NAMES.get(found.target, found.target.replace('_', ' '))
+    what = f'{words} {found.measure} ({found.unit})'
+    span = span_of(np.append(found.by_group.ravel(), 0.0))
+    above = Plot(span, span, f'{what}: {first}', f'{what}: {second}', (360, 330),
+                 description=f'{words} of {second} against {first} by group')  # fmt: skip
+    above.line(np.array(span), np.array(span), 'rule')
+    above.dots(found.by_group[:, 0], found.by_group[:, 1], 'c0')
+    edges = np.linspace(*span_of(np.append(found.resampled, 0.0)), 41)
+    share = 100 * np.histogram(found.resampled, edges)[0] / len(found.resampled)
+    top = 1.15 * float(share.max())
+    below = Plot((edges[0], edges[-1]), (0, top), f'{second} less {first} ({found.unit})',
+                 'share of resamples (%)', (360, 190),
+                 description=f'Bootstrap of the difference in {words}')  # fmt: skip
+    below.band(np.array([found.low, found.high]), np.zeros(2), np.full(2, top), 'band ink')
+    below.bars(edges, share, 'fill c0')
+    below.rule(0.0, 'no difference')
+    better, groups = int((np.diff(found.by_group) < 0).sum()), len(found.by_group)
+    caption = (
+        f'{second} less {first}: {rounded(found.difference)} {found.unit} (95 %: '
+        f'{rounded(found.low)} to {rounded(found.high)}), p = {rounded(found.p, 2)}. Each dot is '
+        f'one of {groups} groups; under the line {second} errs less ({better} groups).'
+    )
+    return Figure(f'{words.capitalize()}: {second} against {first}', caption, (above, below))

@@ -1,9 +1,8 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Bags as plain tables, csv or parquet: a row for each frame.
 
-They lie in a folder for each bag and sensor: `frames`, `contacts` (what was said live) and
-`forces` (newtons of every taxel, where a calibration gives them) beside `layout.json`. A csv of
-frames is a recording that `tactile replay` reads.
+A folder for each bag and sensor has `frames`, `contacts` of the live run, `forces` of every taxel
+(N), where a calibration gives them, and `layout.json`. `tactile replay` reads a csv of frames.
 """
 
 from __future__ import annotations
@@ -155,7 +154,6 @@ class CsvFile:
         self._file.close()
 
     def _names(self, name: str, tail: tuple[int, ...]) -> list[str]:
-        """Headings of one column; of readings as those of a recording."""
         axes: Sequence[str] = self._layout.channels if name == 'values' else 'xyz'
         front = '' if name == 'values' else f'{name}_'
         if len(tail) == 2:

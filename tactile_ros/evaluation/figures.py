@@ -23,15 +23,20 @@ from scipy.special import ndtri
 
 from tactile_ros.conditioning.loading_direction import dead_band, loading_signs
 from tactile_ros.errors import MissingPackageError, TactileError
-from tactile_ros.evaluation.metrics import ONE_SIGMA, TOLERANCE
+from tactile_ros.evaluation.metrics import LEAST_TOUCH, ONE_SIGMA, TOLERANCE
 from tactile_ros.files import write_atomically
 from tactile_ros.types import Array, Bools, Integers
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from tactile_ros.evaluation.compare import Comparison
-    from tactile_ros.evaluation.metrics import ClassErrors, Coverage, Spread, TargetErrors
+    from tactile_ros.evaluation.metrics import (
+        ClassErrors,
+        ContactErrors,
+        Coverage,
+        Spread,
+        TargetErrors,
+    )
 
 STYLE = Path(__file__).with_name('drawing.css').read_text('utf-8')
 LEFT, RIGHT, TOP, BOTTOM = 46.0, 14.0, 30.0, 42.0  # pixels around the axes
@@ -49,13 +54,7 @@ NAMES = {
 
 
 def rounded(value: float, digits: int = 3) -> str:
-    """So many digits, of large numbers all before the point; a true minus.
-
-    Examples
-    --------
-    >>> rounded(99.877), rounded(-73611.2)
-    ('99.9', '−73,611')
-    """
+    """So many digits, of large numbers all before the point; a true minus."""
     whole = abs(value) >= min(10**digits, 1000)
     return (f'{value:,.0f}' if whole else f'{value:.{digits}g}').replace('-', '−')
 
@@ -172,15 +171,21 @@ class Plot:
         path = ''.join(f'M{a:.1f} {b:.1f}h0' for a, b in pixels if math.isfinite(a + b))
         self._marks.append(f'<path class="dots {kind}" d="{path}"/>')
 
-    def _box(self, left: float, top: float, width: float, height: float, kind: str) -> None:
+    def _box(
+        self, left: float, top: float, width: float, height: float, kind: str, title: str = ''
+    ) -> None:
         place, size = f'x="{left:.1f}" y="{top:.1f}"', f'width="{width:.1f}" height="{height:.1f}"'
-        self._marks.append(f'<rect class="{kind}" {place} {size}/>')
+        hover = f'><title>{escape(title)}</title></rect>' if title else '/>'
+        self._marks.append(f'<rect class="{kind}" {place} {size}{hover}')
 
-    def boxes(self, x: Array, y: Array, side: float, kinds: Sequence[str]) -> None:
-        """Draw squares around places (side in units of x), each of its own class."""
+    def boxes(
+        self, x: Array, y: Array, side: float, kinds: Sequence[str], titles: Sequence[str] = ()
+    ) -> None:
+        """Draw squares around places (side in units of x), each of its own class and title."""
         wide = abs(float(self.x(side) - self.x(0.0)))
-        for (px, py), kind in zip(self._pixels(x, y), kinds, strict=True):
-            self._box(px - wide / 2, py - wide / 2, wide, wide, kind)
+        each = zip(self._pixels(x, y), kinds, titles or [''] * len(kinds), strict=True)
+        for (px, py), kind, title in each:
+            self._box(px - wide / 2, py - wide / 2, wide, wide, kind, title)
 
     def bars(self, edges: Array, heights: Array, kind: str) -> None:
         """Draw the bars of a histogram."""
@@ -239,14 +244,12 @@ class Plot:
         )
 
     def _ticks(self, scale: Scale, spacing: float, fewest: int) -> Iterable[tuple[float, str]]:
-        """Pixels and labels of an axis, about `spacing` pixels apart."""
         count = max(fewest, int(abs(scale.pixels[1] - scale.pixels[0]) / spacing))
         ticks = log_ticks(*scale.values) if scale.log else nice_ticks(*scale.values, count)
         kept = [tick for tick in ticks if not self.integer_ticks or tick == round(tick)]
         return ((float(scale(tick)), f'{tick:.6g}'.replace('-', '−')) for tick in kept)
 
     def _axes(self) -> Iterable[str]:
-        """Grid, labels of the ticks and names of the axes."""
         (left, right), (bottom, top) = self.x.pixels, self.y.pixels
         for py, label in self._ticks(self.y, 45, 3):
             yield f'<path class="grid" d="M{left} {py:.1f}H{right}"/>'
@@ -398,13 +401,7 @@ def write_figures(folder: Path, figures: Iterable[Figure], prefix: str = '') -> 
 
 
 def file_name(title: str) -> str:
-    """A headline as the name of a file.
-
-    Examples
-    --------
-    >>> file_name('Place, unseen points: (mm)')
-    'place_unseen_points_mm'
-    """
+    """A headline as the name of a file: letters, digits and underscores."""
     return re.sub(r'[^a-z0-9]+', '_', title.lower()).strip('_')
 
 
@@ -427,7 +424,7 @@ def _verdict(coverage: Coverage) -> str:
     return f'{said}, and {coverage.groups} groups cannot tell' if coverage.honest else said
 
 
-def _span(values: Array) -> Span:
+def span_of(values: Array) -> Span:
     """Range of values with some air."""
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     air = 0.04 * (high - low) or 1.0
@@ -442,7 +439,6 @@ def _error_plot(
     description: str,
     percentile: float = 100,
 ) -> Plot:
-    """Axes that most errors fit into, on both sides of a line at zero."""
     top = 1.15 * float(np.nanpercentile(np.abs(errors), percentile)) or 1.0
     plot = Plot(x, (-top, top), *labels, size, description=description)
     plot.line(np.array(x), np.zeros(2), 'rule')
@@ -450,12 +446,10 @@ def _error_plot(
 
 
 def _subsample(rows: Integers, most: int) -> Integers:
-    """At most so many rows, evenly taken."""
     return rows[np.linspace(0, len(rows) - 1, most).astype(int)] if len(rows) > most else rows
 
 
 def _bin_means(x: Array, values: Array, edges: Array, fewest: int = 5) -> Array:
-    """Mean in each bin of x; NaN where there are fewer than so many values."""
     kept = np.isfinite(values) & (x >= edges[0]) & (x <= edges[-1])
     place = np.minimum(np.searchsorted(edges, x[kept], side='right'), len(edges) - 1) - 1
     count = np.bincount(place, minlength=len(edges) - 1)
@@ -480,7 +474,9 @@ def place_map(target: TargetErrors, chips: Array) -> Figure:
     limits = np.round(step * np.arange(1, 6), 9)
     x_span, y_span = ((float(v.min()) - pitch, float(v.max()) + pitch) for v in (x, y))
     plot = Plot.plan(x_span, y_span, '(mm)', 'Mean error at every touched place of the pad')
-    plot.boxes(x, y, pitch * 0.94, [f's{level}' for level in np.searchsorted(limits, mean)])
+    kinds = [f's{level}' for level in np.searchsorted(limits, mean)]
+    titles = [f'x {a:.1f}, y {b:.1f} mm: {m:.2g} mm' for a, b, m in zip(x, y, mean, strict=True)]
+    plot.boxes(x, y, pitch * 0.94, kinds, titles)
     for a, b in (chips[:, :2] * MM).tolist():
         if x_span[0] <= a <= x_span[1] and y_span[0] <= b <= y_span[1]:
             plot.text(a, b, '+', 'middle', 'chip')
@@ -546,7 +542,7 @@ def force_scatter(target: TargetErrors, colour: str) -> Figure:
     truth, guess, error = target.truth[:, 0], target.estimate[:, 0], target.error[:, 0]
     kept, words = np.isfinite(guess), title_of(target)
     some = _subsample(np.flatnonzero(kept), 2500)
-    span = _span(np.concatenate([truth[kept], guess[kept]]))
+    span = span_of(np.concatenate([truth[kept], guess[kept]]))
     above = Plot(span, span, '', 'estimated (N)', (360, 250),
                  description=f'Estimated against measured {words}')  # fmt: skip
     above.line(np.array(span), np.array(span), 'rule')
@@ -589,7 +585,6 @@ def force_trace(target: TargetErrors, name: str, colour: str) -> Figure | None:
 def _trace(
     target: TargetErrors, size: tuple[int, int], part: float, colour: str
 ) -> tuple[Plot, Plot]:
-    """Trace of the first part of the time, and the error with its band under it."""
     time = target.time_s - float(np.nanmin(target.time_s))
     end = part * float(np.nanmax(time)) or 1.0
     rows = _subsample(np.flatnonzero(time <= end), 1200)
@@ -598,7 +593,7 @@ def _trace(
     broken = np.where(step > 20 * usual, np.nan, time[rows])  # no line bridges long pauses
     truth, guess = target.truth[rows, 0], target.estimate[rows, 0]
     error, sigma = target.error[rows, 0], np.sqrt(target.variance[rows, 0])
-    upper = Plot((0.0, end), _span(np.concatenate([truth, guess])), '', 'force (N)', size,
+    upper = Plot((0.0, end), span_of(np.concatenate([truth, guess])), '', 'force (N)', size,
                  description='Estimated and measured force over time')  # fmt: skip
     upper.band(broken, guess - sigma, guess + sigma, f'band {colour}')
     upper.line(broken, truth, 'line ink')
@@ -662,34 +657,6 @@ def speed(points: Mapping[str, Span], unit: str, colours: Mapping[str, str]) -> 
     return Figure('Speed against error', f'{caption}. Down and left is better.', (plot,))
 
 
-def paired_groups(found: Comparison) -> Figure:
-    """Figure of both competitors in every group, and the bootstrap of their difference."""
-    first, second = found.names
-    words = NAMES.get(found.target, found.target.replace('_', ' '))
-    what = f'{words} {found.measure} ({found.unit})'
-    span = _span(np.append(found.by_group.ravel(), 0.0))
-    above = Plot(span, span, f'{what}: {first}', f'{what}: {second}', (360, 330),
-                 description=f'{words} of {second} against {first} by group')  # fmt: skip
-    above.line(np.array(span), np.array(span), 'rule')
-    above.dots(found.by_group[:, 0], found.by_group[:, 1], 'c0')
-    edges = np.linspace(*_span(np.append(found.resampled, 0.0)), 41)
-    share = 100 * np.histogram(found.resampled, edges)[0] / len(found.resampled)
-    top = 1.15 * float(share.max())
-    below = Plot((edges[0], edges[-1]), (0, top), f'{second} less {first} ({found.unit})',
-                 'share of resamples (%)', (360, 190),
-                 description=f'Bootstrap of the difference in {words}')  # fmt: skip
-    below.band(np.array([found.low, found.high]), np.zeros(2), np.full(2, top), 'band ink')
-    below.bars(edges, share, 'fill c0')
-    below.rule(0.0, 'no difference')
-    better, groups = int((np.diff(found.by_group) < 0).sum()), len(found.by_group)
-    caption = (
-        f'{second} less {first}: {rounded(found.difference)} {found.unit} (95 %: '
-        f'{rounded(found.low)} to {rounded(found.high)}), p = {rounded(found.p, 2)}. Each dot is '
-        f'one of {groups} groups; under the line {second} errs less ({better} groups).'
-    )
-    return Figure(f'{words.capitalize()}: {second} against {first}', caption, (above, below))
-
-
 CONFUSION_KEY = (('s1', '0.5–2'), ('s2', '2–5'), ('s3', '5–15'), ('s4', '> 15 %'))
 
 
@@ -700,7 +667,10 @@ def confusion_plot(table: Array, name: str, description: str) -> Plot:
                 description=description)  # fmt: skip
     true, named = np.nonzero(np.nan_to_num(table) >= 0.5)
     shades = np.searchsorted((2.0, 5.0, 15.0), table[true, named]) + 1
-    plot.boxes(named.astype(float), true.astype(float), 0.94, [f's{shade}' for shade in shades])
+    each = zip(true.tolist(), named.tolist(), table[true, named].tolist(), strict=True)
+    titles = [f'{name} {a} named {b}: {share:.1f} %' for a, b, share in each]
+    kinds = [f's{shade}' for shade in shades]
+    plot.boxes(named.astype(float), true.astype(float), 0.94, kinds, titles)
     return plot
 
 
@@ -719,6 +689,38 @@ def confusion_figure(errors: ClassErrors) -> Figure:
         text += f'; taken most often: {", ".join(pairs)}'
     caption = f'{text}. A row adds up to 100 % with those not named.'
     return Figure(f'Which {name} is taken for which', caption, (plot,), CONFUSION_KEY)
+
+
+def contact(errors: ContactErrors) -> Figure:
+    """Contact told against truth, and what a threshold of the estimated force would do."""
+    plots = [confusion_plot(errors.table, 'contact (0 none, 1)', 'Contact told against truth')]
+    text = (
+        f'{rounded(errors.found)} % of {errors.firm.sum():,} touched frames ({LEAST_TOUCH:g} N or '
+        f'more) are found; {rounded(errors.contact_at_rest)} % of {(~errors.touched).sum():,} at '
+        'rest are called contacts'
+    )
+    if len(errors.release_s):
+        half, most = np.percentile(errors.release_s, [50, 95])
+        text += (
+            f'; unloading is told after {quantity(half, "s")}, 95 % within {quantity(most, "s")}'
+        )
+    rest, touched = (
+        np.sort(one[np.isfinite(one)])
+        for one in (errors.estimate[~errors.touched], errors.estimate[errors.firm])
+    )
+    if not (len(rest) and len(touched)):
+        return Figure('Is something touching?', f'{text}.', tuple(plots))
+    limits = np.linspace(0.0, 10 * LEAST_TOUCH, 101)
+    alarms = 100 - 100 * np.searchsorted(rest, limits, side='right') / len(rest)
+    missed = 100 * np.searchsorted(touched, limits) / len(touched)
+    top = 1.15 * float(max(alarms.max(), missed.max())) or 1.0
+    plots.append(Plot((0.0, 10 * LEAST_TOUCH), (0, top), 'threshold of the force (N)',
+                      'share of frames (%)', (360, 190),
+                      description='False alarms and missed contacts by threshold'))  # fmt: skip
+    for share, kind in ((alarms, 'line c1'), (missed, 'line c0')):
+        plots[1].line(limits, share, kind)
+    key = (('c1', 'at rest, force above'), ('c0', 'touched, force below'))
+    return Figure('Is something touching?', f'{text}.', tuple(plots), key)
 
 
 def hysteresis(target: TargetErrors) -> Figure | None:
@@ -760,10 +762,11 @@ def _directions(target: TargetErrors) -> tuple[Bools, Bools]:
     return rising, (way < 0) & (force[:, 0] > low + band)
 
 
-def drift(target: TargetErrors, colour: str) -> Figure | None:
-    """Mean error over time with its deviation, and the slope of a line through it."""
-    kept = np.isfinite(target.time_s) & np.isfinite(target.error[:, 0])
-    time, error = target.time_s[kept], target.error[kept, 0]
+def drift(target: TargetErrors, colour: str, *, since_tare: bool = False) -> Figure | None:
+    """Mean error over time, or since the latest tare, with its deviation and a line through it."""
+    time = target.since_s if since_tare else target.time_s
+    kept = np.isfinite(time) & np.isfinite(target.error[:, 0])
+    time, error = time[kept], target.error[kept, 0]
     if len(time) < 120 or not np.ptp(time) > 0:
         return None
     time = time - time.min()
@@ -772,16 +775,17 @@ def drift(target: TargetErrors, colour: str) -> Figure | None:
     mean, square = (_bin_means(time, values, edges) for values in (error, error**2))
     sigma = np.sqrt(np.maximum(square - mean**2, 0))
     slope, start = np.polyfit(time, error, 1)
-    plot = _error_plot((0, float(time.max())), np.abs(mean) + sigma,
-                       ('time (s)', 'mean error (N)'), (360, 250),
-                       f'Mean error of {words} over time')  # fmt: skip
+    when = 'time since the tare (s)' if since_tare else 'time (s)'
+    plot = _error_plot((0, float(time.max())), np.abs(mean) + sigma, (when, 'mean error (N)'),
+                       (360, 250), f'Mean error of {words} over {when}')  # fmt: skip
     plot.band(centre, mean - sigma, mean + sigma, f'band {colour}')
     plot.line(centre, mean, f'line {colour}')
     plot.line(time[[0, -1]], start + slope * time[[0, -1]], 'line ink')
     moved = float(slope * time.max())
     caption = (
-        f'Over {time.max():,.0f} s the mean error moves by {"+" if moved > 0 else ""}'
-        f'{quantity(moved, "N")} (straight line); '
+        f'Over {time.max():,.0f} s {"after a tare " * since_tare}the mean error moves by '
+        f'{"+" if moved > 0 else ""}{quantity(moved, "N")} (straight line); '
         'the band is one standard deviation of the errors of each span.'
     )
-    return Figure(f'Drift of {words}', caption, (plot,))
+    title = f'Error of {words} since the tare' if since_tare else f'Drift of {words}'
+    return Figure(title, caption, (plot,))

@@ -1,9 +1,8 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Many recordings judged by many pipelines: in turn, in processes, or on a Dask cluster.
 
-A recording is one job. Its result does not depend on where it runs, and results are put in the
-order of the jobs, so that one process, several and a cluster give the same numbers. A job that
-fails, or whose process dies, is an outcome like any other.
+A recording is one job; one process, several and a cluster give the same numbers in the same order.
+A job that fails, or whose process dies, is an outcome like any other.
 """
 
 from __future__ import annotations
@@ -24,19 +23,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros import calibration as files
+from tactile_ros.conditioning.baseline import tare_runs
 from tactile_ros.errors import RecordingError, TactileError
+from tactile_ros.evaluation import metrics
 from tactile_ros.evaluation.bag import missing
 from tactile_ros.evaluation.cdr_columns import stack
-from tactile_ros.evaluation.metrics import (
-    CLASSES,
-    TARGETS,
-    ClassErrors,
-    TargetErrors,
-    clock_problems,
-    frames_dropped,
-    given_targets,
-    unjudged,
-)
 from tactile_ros.evaluation.recording_files import (
     Bag,
     ClassesChangedError,
@@ -45,14 +36,7 @@ from tactile_ros.evaluation.recording_files import (
     save_arrays,
 )
 from tactile_ros.evaluation.replay import Follower
-from tactile_ros.evaluation.report import (
-    CELLS,
-    Answer,
-    Dataset,
-    answer,
-    inside_one_sigma,
-    rows_of,
-)
+from tactile_ros.evaluation.report import CELLS, Answer, Dataset, answer, inside_one_sigma, rows_of
 from tactile_ros.evaluation.truth import DEFAULT_TRUTH, Association, is_unknown
 from tactile_ros.files import write_atomically
 from tactile_ros.sensors import load_sensor
@@ -68,7 +52,7 @@ if TYPE_CHECKING:
 
 IN_MEMORY = ('.npz', '.csv')
 VECTORS = ('position', 'force', 'torque')
-JUDGED = (*VECTORS, *CLASSES, 'session', 'repetition')  # keys of truth
+JUDGED = (*VECTORS, *metrics.CLASSES, 'session', 'repetition')  # keys of truth
 IN_TABLE = [name for name in CELLS if name not in ('named rightly (%)', 'groups')]
 SCHEMA = 1
 MARKS = {'.json': b'"schema"', '.npz': b'bin_edges.npy'}  # in every file of `save`
@@ -84,6 +68,7 @@ class Job:
     truth_topics: tuple[str, ...] = DEFAULT_TRUTH
     tolerance_ns: int | None = None  # as of `Association`
     delay_ns: int | None = None  # of truth on topics of its own; None: estimated
+    untared: bool = False  # judged once more after the first tare alone
 
 
 @dataclass(frozen=True)
@@ -105,7 +90,7 @@ class _Collected:
     def add(self, piece: LoadedRecording) -> None:
         """Estimate from the next piece."""
         states = self.follower(piece)
-        columns = {name: getattr(states, name) for name in (*VECTORS, *CLASSES)}
+        columns = {name: getattr(states, name) for name in (*VECTORS, *metrics.CLASSES)}
         columns |= {  # their diagonals are all that is judged
             f'{name}_cov': np.diagonal(getattr(states, f'{name}_cov'), axis1=1, axis2=2)
             for name in VECTORS
@@ -158,6 +143,7 @@ class Evaluation:
             msg = f'{first.name} has {shape} taxels and channels, which no calibration is for'
             raise RecordingError(msg)
         self._lengths: list[int] = []
+        self._tares_ns: list[int] = []  # of the live run
         self._latency: list[Array] = [np.zeros(0)]
 
     def add(self, piece: LoadedRecording) -> None:
@@ -165,35 +151,56 @@ class Evaluation:
         recording, live = piece.recording, piece.contacts
         for one in self._answers.values():
             one.add(piece)
+        self._tares_ns += [b.stamp_ns or 0 for b in piece.baselines if b.averaged]
         if live is not None and recording.stamp_ns is not None:
             self._latency.append(np.asarray((live.log_ns - recording.stamp_ns[live.rows]) * 1e-9))
         self._lengths.append(len(recording))
 
     def result(self, whole: LoadedRecording, source: str = '') -> Dataset:
         """Results of all pieces, whose times and truth are given."""
-        recording, stamps = whole.recording, whole.recording.stamp_ns
+        stamps = whole.recording.stamp_ns
+        if stamps is not None and whole.recording.tare is None and self._tares_ns:
+            tare = np.isin(stamps, self._tares_ns)
+            whole = replace(whole, recording=replace(whole.recording, tare=tare))
+        recording = whole.recording
         delay = np.concatenate(self._latency)
-        apart = clock_problems(len(delay), int((delay < 0).sum()))
+        apart = metrics.clock_problems(len(delay), int((delay < 0).sum()))
         answers: list[Answer] = []
         blind: list[str] = []
         for name, collected in self._answers.items():
             states = collected.states(self._lengths, self._layout.shape[0])
             one = collected.answer(name, whole, states)
             counts = {target.name: target.spread.count for target in one.targets}
-            blind += unjudged(one.name, counts, given_targets(states))
+            blind += metrics.unjudged(one.name, counts, metrics.given_targets(states))
             answers.append(one)
         alone = whole.name in ('sensor', source, source.rpartition('.')[0])
         agreements = [one.agreement for one in answers if one.agreement is not None]
         return Dataset(
             name=(source if alone else f'{source} {whole.name}').strip() or whole.name,
             summary='', answers=tuple(answers), frames=len(recording),
-            dropped=frames_dropped(recording.sequence, recording.restarts),
+            dropped=metrics.frames_dropped(recording.sequence, recording.restarts),
             chips=self._layout.positions, latency_s=np.zeros(0) if apart else delay,
             agreement=min(agreements, key=lambda one: one.largest, default=None),
             problems=(*whole.problems, *dict.fromkeys(blind), *apart),
             source=source, sensor=whole.name,
             seconds=float('nan') if stamps is None else float(stamps[-1] - stamps[0]) * 1e-9,
         )  # fmt: skip
+
+
+def with_first_tare(piece: LoadedRecording, *, first: bool = True) -> LoadedRecording:
+    """Piece, the first one or a later, of a run as if it had been tared at its beginning alone."""
+    recording = piece.recording
+    if recording.tare is not None:
+        run, _ = tare_runs(recording.tare, recording.restarts)
+        recording = replace(recording, tare=run == 0)
+    baselines = piece.baselines[:2] if first else ()
+    return replace(piece, recording=recording, baselines=baselines, contacts=None, calibrations=())
+
+
+def add_first_tare(tared: Dataset, untared: Dataset) -> Dataset:
+    """Results of a run with those of the same after its first tare alone."""
+    pairs = zip(tared.answers, untared.answers, strict=True)
+    return replace(tared, answers=tuple(replace(one, untared=other) for one, other in pairs))
 
 
 def as_answered(whole: LoadedRecording, pipeline: Pipeline) -> Columns:
@@ -213,17 +220,21 @@ def evaluate_bag(
     association: Association | None = None,
     layout: Layout | None = None,
     clock_ns: Callable[[], int] = perf_counter_ns,
+    *,
+    untared: bool = False,
 ) -> list[Dataset]:
     """Judge every sensor of a bag, piece by piece.
 
     Path, topics, association and layout are as of `recording_files.Bag`; each pipeline judges the
-    sensors of its shape. Raises ClassesChangedError if classes came and went in the run, which is
-    repeated in a bag that is held as a whole, and RecordingError if there is no bag, no frame that
-    could be read, or no pipeline for any sensor.
+    sensors of its shape, with `untared` as if the run had been tared once.
+    Raises ClassesChangedError if classes came and went in the run, which is repeated in a bag that
+    is held as a whole, and RecordingError if there is no bag, no frame that could be read, or no
+    pipeline for any sensor.
     """
     bag = Bag(path, layout, truth_topics, association, wanted=JUDGED)
     evaluations: dict[str, Evaluation] = {}
-    for space, piece in bag:
+    for space, heard in bag:
+        piece = with_first_tare(heard, first=space not in evaluations) if untared else heard
         try:
             if space not in evaluations and space not in bag.left_out:
                 evaluations[space] = Evaluation(piece, pipelines, clock_ns)
@@ -270,14 +281,17 @@ def _opened(path: str, changed_ns: int, thread: int) -> Pipeline:
 def run_job(job: Job) -> Outcome:
     """Do one job; a failure is an outcome and not raised."""
     try:
-        return Outcome(job, tuple(_results(job)))
+        results = _results(job, untared=False)
+        if job.untared:
+            results = [*map(add_first_tare, results, _results(job, untared=True))]
+        return Outcome(job, tuple(results))
     except (TactileError, ValueError, OSError) as err:
         return Outcome(job, failure=str(err))
     except Exception as err:  # whatever a recording makes of the evaluation
         return Outcome(job, failure=f'{job.recording}: {type(err).__name__}: {err}')
 
 
-def _results(job: Job) -> list[Dataset]:
+def _results(job: Job, *, untared: bool) -> list[Dataset]:
     stems = [Path(path).stem for path in job.calibrations]
     pipelines = {}
     for path, stem in zip(job.calibrations, stems, strict=True):
@@ -289,6 +303,7 @@ def _results(job: Job) -> list[Dataset]:
         shipped = load_sensor(first.sensor).recordings()
         if job.recording in shipped:
             one = LoadedRecording(job.recording, shipped[job.recording])
+            one = with_first_tare(one) if untared else one
             return [evaluate(one, pipelines, job.recording)]
         names = ', '.join(shipped) or 'none'
         msg = f'{file} does not exist, and {first.sensor} ships only {names}'
@@ -297,9 +312,11 @@ def _results(job: Job) -> list[Dataset]:
     truth = Association(job.tolerance_ns, job.delay_ns, asked)
     if file.suffix not in IN_MEMORY:
         with suppress(ClassesChangedError):
-            return evaluate_bag(file, pipelines, job.truth_topics, truth, first.layout)
-    loaded = load(file, first.layout, job.truth_topics, truth)
-    return [evaluate(one, pipelines, file.name) for one in loaded.recordings]
+            topics, layout = job.truth_topics, first.layout
+            return evaluate_bag(file, pipelines, topics, truth, layout, untared=untared)
+    loaded = load(file, first.layout, job.truth_topics, truth).recordings
+    each = map(with_first_tare, loaded) if untared else loaded
+    return [evaluate(one, pipelines, file.name) for one in each]
 
 
 def run_jobs(
@@ -338,7 +355,6 @@ def _pool(
     add: Callable[[Outcome], None],
     work: Callable[[Job], Outcome] = run_job,
 ) -> list[Job]:
-    """Do jobs in a pool of processes; those that no process finished."""
     lost = []
     fresh = multiprocessing.get_context('spawn')
     with ProcessPoolExecutor(workers, mp_context=fresh) as pool:
@@ -393,17 +409,19 @@ def pooled(outcomes: Sequence[Outcome]) -> Dataset | None:
 
 def _pooled(answers: Sequence[Answer]) -> Answer:
     """One answer of several: there is no median of medians, so the first measured time stays."""
-    parts = {name: [t for one in answers if (t := one.target(name))] for name in TARGETS}
+    parts = {name: [t for one in answers if (t := one.target(name))] for name in metrics.TARGETS}
     judged = [classes for one in answers for classes in one.classes]
-    by_kind = ([one for one in judged if one.name == kind] for kind in CLASSES)
+    by_kind = ([one for one in judged if one.name == kind] for kind in metrics.CLASSES)
+    contacts = [one.contact for one in answers if one.contact is not None]
     agreements = [one.agreement for one in answers if one.agreement is not None]
     singles = (one.us_single for one in answers if not math.isnan(one.us_single))
     frames = sum(one.frames for one in answers)
     spent = sum(one.us_batch * one.frames for one in answers if one.frames)
     return Answer(
-        answers[0].name, tuple(TargetErrors.pool(some) for some in parts.values() if some),
+        answers[0].name, tuple(metrics.TargetErrors.pool(some) for some in parts.values() if some),
         next(singles, float('nan')), spent / frames if frames else float('nan'),
-        classes=tuple(ClassErrors.pool(some) for some in by_kind if some),
+        classes=tuple(metrics.ClassErrors.pool(some) for some in by_kind if some),
+        contact=metrics.ContactErrors.pool(contacts) if contacts else None,
         calibration=answers[0].calibration, frames=frames,
         agreement=sum(agreements[1:], agreements[0]) if agreements else None,
         problems=tuple(dict.fromkeys(text for one in answers for text in one.problems)),
@@ -442,7 +460,8 @@ def save(
                 size = target.size[np.isfinite(target.size)]
                 bins = np.searchsorted(BIN_EDGES, size, side='right')
                 arrays[f'{i}/{j}/{target.name}'] = np.bincount(bins, minlength=len(BIN_EDGES) + 1)
-    text = json.dumps(document, indent=1, allow_nan=False) + '\n'
+    finite = json.loads(json.dumps(document), parse_constant=lambda _: None)
+    text = json.dumps(finite, indent=1, allow_nan=False) + '\n'
     return (
         write_atomically(path.with_name(f'{path.name}.json'), text.encode()),
         save_arrays(arrays, path.with_name(f'{path.name}.npz')),
@@ -452,7 +471,7 @@ def save(
 def _sensor_json(one: Dataset) -> dict[str, object]:
     return {
         'recording': one.source, 'sensor': one.sensor, 'frames': one.frames,
-        'dropped': one.dropped, 'seconds': _number(one.seconds),
+        'dropped': one.dropped, 'seconds': one.seconds,
         'latency': _spread_json(one.latency, 's'), 'truth': dict(one.association),
         'problems': list(one.problems), 'answers': [_answer_json(found) for found in one.answers],
     }  # fmt: skip
@@ -462,8 +481,8 @@ def _answer_json(found: Answer) -> dict[str, object]:
     agreement = found.agreement
     return {
         'estimator': found.name, 'calibration': found.calibration,
-        'us_single': _number(found.us_single), 'us_batch': _number(found.us_batch),
-        'difference_to_live': None if agreement is None else _number(agreement.largest),
+        'us_single': found.us_single, 'us_batch': found.us_batch,
+        'difference_to_live': None if agreement is None else agreement.largest,
         'frames_without_contacts': None if agreement is None else agreement.without_contacts,
         'problems': list(found.problems),
         'targets': {
@@ -480,14 +499,8 @@ def _answer_json(found: Answer) -> dict[str, object]:
 
 
 def _spread_json(errors: Spread, unit: str) -> dict[str, object]:
-    """Summary, and the sums that can be added up."""
-    figures = {name: _number(value) for name, value in vars(errors).items() if name != 'count'}
     sums = (errors.mean * errors.count, errors.rms**2 * errors.count) if errors.count else (0, 0)
     return {
-        'unit': unit, 'count': errors.count, **figures,
+        'unit': unit, **vars(errors),
         'sum': float(sums[0]), 'sum_of_squares': float(sums[1]),
     }  # fmt: skip
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

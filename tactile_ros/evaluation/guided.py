@@ -7,38 +7,17 @@ with the rest before it as its tare, so that drift between presses does no harm.
 
 from __future__ import annotations
 
-from array import array
 from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.evaluation.bag import PACKAGE, BagWriter, all_types
-from tactile_ros.messages import (
-    fill_baseline,
-    fill_contacts,
-    fill_frame,
-    fill_header,
-    fill_layout,
-)
-from tactile_ros.types import (
-    STATE_FIELDS,
-    Array,
-    Bools,
-    ContactState,
-    Frame,
-    Integers,
-    Layout,
-    Recording,
-    TaxelStatus,
-    join,
-)
+from tactile_ros.types import Array, Bools, Frame, Integers, Layout, Recording, TaxelStatus, join
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from pathlib import Path
 
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Columns
@@ -85,10 +64,7 @@ class Target:
 
 
 def grid_of(layout: Layout, count: int) -> Array:
-    """About `count` places (n, 3) (m) evenly over the layout, in an order that jumps about.
-
-    Corners of a regular grid over the outline of the taxels; without an area its taxels.
-    """
+    """About `count` places (n, 3) (m) of a grid over the layout, or taxels, that jump about."""
     low, high = layout.positions.min(axis=0), layout.positions.max(axis=0)
     size = (high - low)[:2]
     if (size <= 0).any():
@@ -153,24 +129,14 @@ class Preflight:
 class PressGuide:
     """Guide from press to press, frame by frame.
 
-    Parameters
-    ----------
-    layout : Layout
-        Of the sensor.
-    targets : list of Target
-        In their order.
-    steady_truth : bool
-        True forces count where the press is steady alone, as their mean: a kitchen scale.
-    hold_s : float
-        Time that a press is to be held (s).
-    presses : list of (int, Recording)
-        Number of the target and frames of what was kept, such as of an earlier run.
+    With `steady_truth` true forces count where the press is steady alone, as their mean: a kitchen
+    scale. `presses` are numbers of targets and frames of what was kept, such as of an earlier run.
     """
 
     layout: Layout
     targets: list[Target]
     steady_truth: bool = True
-    hold_s: float = 1.0
+    hold_s: float = 1.0  # that a press is to be held
     presses: list[tuple[int, Recording]] = field(default_factory=list)
     phase: Phase = Phase.CHECK
     preflight: Preflight | None = None
@@ -250,7 +216,6 @@ class PressGuide:
         return np.array([frame.values for frame, _ in self._rest])
 
     def _is_quiet(self) -> bool:
-        """A whole rest, the halves of which agree within noise."""
         if len(self._rest) < (self._rest.maxlen or 0):
             return False
         values = self._rested()
@@ -261,7 +226,6 @@ class PressGuide:
         return len(known) > 0 and bool(np.quantile(known, 0.9) < QUIET_Z)
 
     def _size(self, frame: Frame) -> float:
-        """Largest change since the rest over noise."""
         z = np.abs(frame.values - self._level) / self._noise
         return float(np.max(z, initial=0.0, where=np.isfinite(z)))
 
@@ -310,7 +274,6 @@ class PressGuide:
         return np.asarray(np.abs(sizes - level) <= max(STEADY * level, WOBBLE_Z))
 
     def _is_gone(self) -> bool:
-        """Nothing touches any more."""
         recent = self._sizes[-IN_A_ROW:]
         self._peak = max(self._peak, min(recent))
         releasing, held = self.phase is Phase.RELEASE, np.isfinite(self._held)
@@ -322,7 +285,6 @@ class PressGuide:
         return max(recent) < max(share * (self._held if held else self._peak), TOUCH_Z)
 
     def _keep(self) -> Recording | None:
-        """Rest and press as a recording, labelled where the press is steady; None: it was none."""
         number = self.number
         kept = number is not None and np.isfinite(self._held)
         self.remark = '' if kept else TOO_SHORT
@@ -373,29 +335,29 @@ class PressGuide:
         self._rest.clear()
 
 
+def groups_of_places(
+    presses: Sequence[tuple[int, Recording]], targets: Sequence[Target]
+) -> Integers:
+    """Number (n,) of the place of each press."""
+    places = np.round([targets[number].position for number, _ in presses], 6)
+    return np.unique(places, axis=0, return_inverse=True)[1].reshape(-1)
+
+
 def joined(presses: Sequence[tuple[int, Recording]], targets: Sequence[Target]) -> Recording:
     """Presses as one recording: a stream each; presses at one place are one group."""
-    places = np.array([targets[number].position for number, _ in presses])
-    _, group = np.unique(np.round(places, 6), axis=0, return_inverse=True)
     whole = join([press for _, press in presses])
     lengths = [len(press) for _, press in presses]
-    whole.truth['repetition'] = np.repeat(np.asarray(group).reshape(-1), lengths)
+    whole.truth['repetition'] = np.repeat(groups_of_places(presses, targets), lengths)
     whole.truth.pop('session', None)
     return whole
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Errors of each press by calibrations that did not see its place.
+    """Errors (n,) of each press by calibrations that did not see its place, RMS over the press."""
 
-    Attributes
-    ----------
-    position, force : ndarray, shape (n,)
-        Distance (m) and size of the force's error (N), RMS over the press; NaN: not estimated.
-    """
-
-    position: Array
-    force: Array
+    position: Array  # distance (m); NaN: not estimated
+    force: Array  # size of the error (N)
 
     def worst(self, goal_m: float | None, goal_n: float | None) -> list[int]:
         """Presses whose error is above its goal; without a goal, above twice the median."""
@@ -408,14 +370,14 @@ class HeldOut:
 
     def __str__(self) -> str:
         """Root mean square of both."""
-        said = [
+        words = [
             f'{name} {scale * np.sqrt(np.nanmean(np.square(errors))):.2g} {unit}'
             for name, errors, scale, unit in (
                 ('place', self.position, 1e3, 'mm'), ('force', self.force, 1.0, 'N'),
             )
             if np.isfinite(errors).any()
         ]  # fmt: skip
-        return ', '.join(said) or 'nothing is estimated'
+        return ', '.join(words) or 'nothing is estimated'
 
 
 def held_out(
@@ -423,10 +385,7 @@ def held_out(
     targets: Sequence[Target],
 ) -> HeldOut:  # fmt: skip
     """Errors of presses by calibrations on the others, a quarter of the places at a time."""
-    groups = np.unique(
-        np.round([targets[number].position for number, _ in presses], 6),
-        axis=0, return_inverse=True,
-    )[1].reshape(-1)  # fmt: skip
+    groups = groups_of_places(presses, targets)
     errors = np.full((2, len(presses)), np.nan)
     for fold in range(min(FOLDS, len(set(groups.tolist())))):
         left = [i for i in range(len(presses)) if groups[i] % FOLDS == fold]
@@ -453,66 +412,3 @@ def where_in_words(places: Array, every: Array) -> str:
     reach = np.linalg.norm(every[:, :2] - middle, axis=1).max()
     rim = np.linalg.norm(places[:, :2] - middle, axis=1) > RIM * reach
     return 'at the rim' if rim.all() else 'in the middle' if not rim.any() else 'all over'
-
-
-def write_bag(recording: Recording, path: Path) -> None:
-    """Write a recording as the bag of a run: layout, frames, baselines of its tares, truth."""
-    store, layout = all_types(), recording.layout
-    place = f'{PACKAGE}/msg/'
-    tare = np.zeros(len(recording), bool) if recording.tare is None else recording.tare
-    with BagWriter(path) as bag:
-
-        def put(topic: str, kind: str, message: object, stamp_ns: int) -> None:
-            for name, value in vars(message).items():
-                if isinstance(value, array):
-                    setattr(message, name, np.array(value))
-            data = bytes(store.serialize_cdr(message, place + kind))
-            bag.write(topic, place + kind, stamp_ns, data, topic == '/layout')
-
-        message = blank_message('TactileLayout')
-        fill_layout(
-            message, layout, lambda: blank_message('Point'), lambda: blank_message('Quaternion')
-        )
-        stamps = recording.stamp_ns
-        if stamps is None:
-            stamps = np.arange(1, len(recording) + 1) * 10_000_000
-        put('/layout', 'TactileLayout', message, int(stamps[0]))
-        for row, stamp in enumerate(stamps.tolist()):
-            frame = replace(recording.frame(row), stamp_ns=stamp, sequence=row)
-            message = blank_message('TactileFrame')
-            fill_frame(message, frame, layout.frame_id)
-            put('/frame', 'TactileFrame', message, stamp)
-            if tare[row] and not tare[row + 1 : row + 2].any():
-                first = row - int(np.argmin(tare[row::-1])) + 1 if not tare[: row + 1].all() else 0
-                mean = mean_of(recording.values[first : row + 1])
-                message = blank_message('TactileFrame')
-                level = Frame(stamp, row + 1, mean, averaged=row + 1 - first)
-                fill_baseline(message, level, layout.frame_id)
-                put('/baseline', 'TactileFrame', message, stamp)
-            known = {name: column[row] for name, column in recording.truth.items()
-                     if name in STATE_FIELDS}  # fmt: skip
-            message = blank_message('TactileContacts')
-            state = ContactState.assemble(layout.shape[0], {k: v[None] for k, v in known.items()})
-            fill_contacts(message, state, lambda: blank_message('TactileContact'))
-            fill_header(message.header, stamp, layout.frame_id)
-            message.sequence = row
-            message.repetition = int(recording.truth['repetition'][row])
-            put('/truth/contacts', 'TactileContacts', message, stamp)
-
-
-def blank_message(name: str) -> Any:  # noqa: ANN401
-    """Message of rosbags by its short name, every field empty or zero."""
-    store = all_types()
-    kind = next(key for key in store.types if key.endswith(f'/msg/{name}'))
-
-    def blank(what: Any) -> object:  # noqa: ANN401
-        node, inner = int(what[0]), what[1]
-        if node == 2:
-            return blank_message(inner.rpartition('/')[2])
-        if node == 1:
-            return '' if inner[0] == 'string' else np.zeros((), inner[0])[()].item()
-        (element, part), count = inner
-        return [] if element != 1 or part[0] == 'string' else np.zeros(count, part[0])
-
-    known: dict[str, Any] = {name: blank(what) for name, what in store.fielddefs[kind][1]}
-    return store.types[kind](**known)

@@ -1,17 +1,9 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Bags as a data set for learning: LeRobotDataset v3.0, written by pyarrow alone.
 
-Its frames have the times t0 + i / fps, from the first tactile frame of a bag on; each bag is an
-episode. Frame i holds the newest k tactile frames acquired until its time, oldest first. k is the
-largest number of them between two frames, so that each is new in exactly one window:
-`tactile.<sensor>.new` counts the new ones, the last of a window, and `tactile.<sensor>.stamp_ns`
-has all stamps. Older ones fill a window up, at the beginning the first one. Joint states, commands
-and images are the latest until the time of the frame; before the first one, the first.
-
-Notes
------
-The format is that of huggingface/lerobot, docs/source/lerobot-dataset-v3.mdx and
-src/lerobot/datasets (dataset_metadata, dataset_writer, compute_stats, utils).
+`tactile export --help` says what a frame holds. A window has as many tactile frames as come
+between two frames at most; older ones fill it up, at the beginning the first one. The format is
+that of huggingface/lerobot, docs/source/lerobot-dataset-v3.mdx and src/lerobot/datasets.
 """
 
 from __future__ import annotations
@@ -28,16 +20,8 @@ from typing import IO, TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from tactile_ros.errors import RecordingError
+from tactile_ros.evaluation import export
 from tactile_ros.evaluation.cdr_columns import read_columns, stamps_of
-from tactile_ros.evaluation.export import (
-    Export,
-    ExportBag,
-    ParquetFile,
-    TaxelForces,
-    arrow,
-    described,
-    plain_name,
-)
 from tactile_ros.evaluation.recording_files import MessageBuffer
 from tactile_ros.files import temporary_folder, write_atomically
 from tactile_ros.hands.drivers import JOINT_STATE, NUMBERS, TRAJECTORY
@@ -137,7 +121,7 @@ class Images:
 
     def column(self, times: Integers) -> Arrow:
         """Images of some times as the format keeps them."""
-        pa, held = arrow(), self.numbers.held(times).tolist()
+        pa, held = export.arrow(), self.numbers.held(times).tolist()
         data = pa.array([self.read(number) for number in held], pa.binary())
         names = pa.array([f'frame-{number:06d}' for number in held])
         return pa.StructArray.from_arrays([data, names], ['bytes', 'path'])
@@ -166,7 +150,7 @@ def hand_feature(topic: str, kind: str) -> str:
     return 'action' if commands else ''
 
 
-class HandBag(ExportBag):
+class HandBag(export.ExportBag):
     """Bag that also gives joint states, commands and images."""
 
     def __init__(self, path: Path, file: IO[bytes]) -> None:
@@ -218,7 +202,6 @@ class HandBag(ExportBag):
 
 
 def _by_names(topic: str, columns: Columns, logs: Integers) -> Iterator[Series]:
-    """Positions of joint states or commands, apart for each set of joints that messages name."""
     points = sum(key.endswith('.positions') for key in columns)
     keys = ('position', 'data', f'points.{points - 1}.positions')
     values = next((columns[k] for k in keys if k in columns), logs[:, None][:, :0])
@@ -246,14 +229,16 @@ class Episode:
     times: Integers
 
     @classmethod
-    def read(cls, bag: HandBag, fps: int, pipelines: Sequence[Pipeline], done: Export) -> Episode:
+    def read(
+        cls, bag: HandBag, fps: int, pipelines: Sequence[Pipeline], done: export.Export
+    ) -> Episode:
         """Read a bag; RecordingError if it has no frame, or stamps that jump far."""
-        parts, forces = dict[str, list[Series]](), dict[str, TaxelForces]()
+        parts, forces = dict[str, list[Series]](), dict[str, export.TaxelForces]()
         for space, piece in bag:
-            one, name = piece.recording, plain_name(piece.name)
+            one, name = piece.recording, export.plain_name(piece.name)
             assert one.stamp_ns is not None
             if space not in forces:
-                forces[space] = TaxelForces(pipelines, piece)
+                forces[space] = export.TaxelForces(pipelines, piece)
                 bag.note_forces(space, forces[space])
             for what, values in (('', one.values), ('_force', forces[space].of(piece))):
                 if values is not None:
@@ -274,7 +259,7 @@ class Episode:
                 '`tactile doctor BAG` shows where stamps jump'
             )
             raise RecordingError(msg)
-        images = {plain_name(topic): one for topic, one in bag.images.items() if one.shape}
+        images = {export.plain_name(topic): one for topic, one in bag.images.items() if one.shape}
         return cls(
             bag.path, tactile, {feature: one for feature, one in hand.items() if one is not None},
             {f'observation.images.{topic}': one for topic, one in images.items()},
@@ -299,7 +284,7 @@ class Episode:
             assert one.layout is not None
             found[key] = {
                 'dtype': 'float32', 'shape': [widths[key], *one.values.shape[1:]],
-                'names': ['frame', 'taxel', 'channel'], 'info': described(one.layout),
+                'names': ['frame', 'taxel', 'channel'], 'info': export.described(one.layout),
             }  # fmt: skip
             if 'tactile_force' in key:
                 found[key]['info'].update(unit='N', channels=['x', 'y', 'z'])
@@ -338,7 +323,6 @@ class Episode:
 
 
 def _feature(dtype: str, shape: list[int], names: list[str] | None = None) -> Feature:
-    """Describe a feature as the format does."""
     return {'dtype': dtype, 'shape': shape, 'names': names}
 
 
@@ -378,7 +362,7 @@ class DataSet:
         self._features: dict[str, Feature] = {}
         self._rows: list[dict[str, Any]] = []
         self._stats: list[dict[str, Statistics]] = []
-        self._writer: ParquetFile | None = None
+        self._writer: export.ParquetFile | None = None
 
     def add(self, episode: Episode) -> None:
         """Write the frames of an episode; RecordingError if it has other features."""
@@ -407,7 +391,6 @@ class DataSet:
         return self._folder / PLACE.format('data', *divmod(self._file, FILES))
 
     def _check(self, episode: Episode) -> None:
-        """Compare the features of an episode with those of the first one."""
         features = episode.features(self._widths)
         self._features = self._features or features
         ours, theirs = (
@@ -420,7 +403,6 @@ class DataSet:
             raise RecordingError(msg)
 
     def _write(self, episode: Episode, columns: Columns) -> None:
-        """Append the rows of an episode to the present file."""
         windows = {key: episode.window(key, width) for key, width in self._widths.items()}
         step = IMAGE_ROWS if episode.images else ROWS
         for first in range(0, len(episode.times), step):
@@ -432,11 +414,10 @@ class DataSet:
                 table[key] = images.column(episode.times[rows])
             if self._writer is None:
                 self._path.parent.mkdir(parents=True, exist_ok=True)
-                self._writer = ParquetFile(self._path)
+                self._writer = export.ParquetFile(self._path)
             self._writer.write({key: table[key] for key in self._features})
 
     def _end_file(self) -> None:
-        """Close the present file; the next one begins."""
         if self._writer is not None:
             self._writer.close()
             self._writer, self._file = None, self._file + 1
@@ -444,7 +425,7 @@ class DataSet:
     def close(self) -> None:
         """Write what describes all episodes."""
         self._end_file()
-        pa, meta = arrow(), self._folder / 'meta'
+        pa, meta = export.arrow(), self._folder / 'meta'
         path = meta / PLACE.format('episodes', 0, 0)
         path.parent.mkdir(parents=True)
         pa.parquet.write_table(pa.Table.from_pylist(self._rows), path)
@@ -471,15 +452,15 @@ class DataSet:
 
 def write_dataset(
     paths: Sequence[Path], target: Path, fps: int, task: str, pipelines: Sequence[Pipeline]
-) -> Export:
+) -> export.Export:
     """Write bags as the episodes of a data set into a new folder.
 
     Frames of all bags are held in memory in single precision, images on the disk. Raises
     TactileError if `target` is there already, cannot be written, or a bag has no frame, features
     that the first one has not, or stamps that make no sense.
     """
-    arrow()
-    done = Export()
+    export.arrow()
+    done = export.Export()
     with temporary_folder(target) as fresh, tempfile.TemporaryFile() as file:
         bags = (HandBag(path, file) for path in paths)
         episodes = [Episode.read(bag, fps, pipelines, done) for bag in bags]

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy.typing as npt
 from scipy.special import bdtr
 
 from tactile_ros.types import Array, Bools, Integers, groups_of
+from tactile_ros.types.recording import calm_rows, touched_rows
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -25,7 +26,8 @@ PLACE = 1e-5  # m, to which places are the same
 MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
 MOST_AHEAD = 0.01  # of contacts that may be heard before the stamps of their frames
 CLASSES = ('cell', 'label', 'in_contact', 'slip')
-ROWS = ('truth', 'estimate', 'error', 'variance', 'rows', 'time_s', 'groups')
+ROWS = ('truth', 'estimate', 'error', 'variance', 'rows', 'time_s', 'since_s', 'groups')
+LEAST_TOUCH = 0.1  # N, of a force that must be told as contact
 AXES = 'xyz'
 # what truth can judge: unit, state attribute and components; the place counts in the plane
 TARGETS = {
@@ -103,13 +105,7 @@ def coverage(error: Array, variance: Array, groups: Integers, sigmas: int = 1) -
 
 
 def accuracy(said: Integers, true: Integers) -> float:
-    """Share of touches (s,) whose class is named rightly (%).
-
-    Examples
-    --------
-    >>> accuracy(np.array([0, 1, 1, -1]), np.array([0, 1, 2, 2]))
-    50.0
-    """
+    """Share of touches (s,) whose class is named rightly (%)."""
     return 100 * float((said == true).mean())
 
 
@@ -117,11 +113,6 @@ def confusion(said: Integers, true: Integers, count: int) -> Array:
     """Share (n, n) of the touches of each true class (row) that was named so (column) (%).
 
     Rows of classes without touches are NaN; touches without a name (-1) lack from the sum.
-
-    Examples
-    --------
-    >>> confusion(np.array([0, 1, 1, -1]), np.array([0, 0, 1, 1]), 2).tolist()
-    [[50.0, 50.0], [0.0, 50.0]]
     """
     table = np.zeros((count, count + 1))
     np.add.at(table, (true, np.where(said < 0, count, said)), 1.0)
@@ -173,6 +164,82 @@ def class_errors(truth: Columns, states: ContactStates) -> tuple[ClassErrors, ..
 
 
 @dataclass(frozen=True)
+class ContactErrors:
+    """Contact as it is told in n frames that are known as touched or at rest.
+
+    A frame is at rest where truth says so, in a tare, or where a load cell along z tells nothing;
+    it is touched where truth says so, places a contact, or tells `LEAST_TOUCH` or more.
+    """
+
+    touched: Bools  # (n,)
+    told: Integers  # (n,) 1 contact, 0 none, -1 not told
+    force: Array  # (n,) size of the true force (N); NaN: unknown
+    estimate: Array  # (n,) size of the estimated force (N); NaN: none
+    release_s: Array  # (m,) from unloading until no contact is told (s)
+
+    @property
+    def contact_at_rest(self) -> float:
+        """Share of frames at rest that are called contacts (%); NaN: there are none."""
+        return _percent(self.told[~self.touched] == 1)
+
+    @property
+    def found(self) -> float:
+        """Share of firm frames that are called contacts (%); NaN: there are none."""
+        return _percent(self.told[self.firm] == 1)
+
+    @property
+    def firm(self) -> Bools:
+        """Touched frames (n,) of `LEAST_TOUCH` or more where the force is known."""
+        return self.touched & ~(self.force < LEAST_TOUCH)
+
+    @property
+    def table(self) -> Array:
+        """Share (2, 2) (%) of frames at rest and touched (rows) told as none and as contact."""
+        return confusion(self.told, self.touched.astype(np.int64), 2)
+
+    @classmethod
+    def pool(cls, parts: Sequence[ContactErrors]) -> ContactErrors:
+        """Frames of several recordings together."""
+        return cls(*(np.concatenate(column) for column in zip(*map(astuple, parts), strict=True)))
+
+
+def _percent(hits: Bools) -> float:
+    return 100 * float(hits.mean()) if len(hits) else float('nan')
+
+
+def contact_errors(recording: Recording, states: ContactStates) -> ContactErrors | None:
+    """Contact of s states beside truth; None where either is unknown in every row."""
+    truth, told = recording.truth, np.asarray(states.in_contact, np.int64)
+    known = np.asarray(truth.get('in_contact', np.full(len(told), -1)), np.int64)
+    force = np.asarray(truth.get('force', np.full((len(told), 3), np.nan)), np.float64)
+    size, estimate = (
+        np.where(np.isfinite(one).any(axis=1), np.sqrt(np.nansum(one**2, axis=1)), np.nan)
+        for one in (force, states.force)
+    )
+    tare = np.zeros(len(told), bool) if recording.tare is None else recording.tare
+    calm = calm_rows(recording) & np.isfinite(force[:, 2])
+    rest = (known == 0) | ((known < 0) & (calm | tare))
+    touched = ~rest & (touched_rows(recording) | (known == 1) | (size >= LEAST_TOUCH))
+    rows = np.flatnonzero(rest | touched)
+    if not len(rows) or (told[rows] < 0).all():
+        return None
+    release = _release_times(recording, np.where(touched, 1, np.where(rest, 0, -1)), told, tare)
+    return ContactErrors(touched[rows], told[rows], size[rows], estimate[rows], release)
+
+
+def _release_times(recording: Recording, true: Integers, told: Integers, tare: Bools) -> Array:
+    """Times (m,) from unloading, a tare apart, until no contact is told or the next begins (s)."""
+    time_s, stream = times_of(recording), np.cumsum(recording.restarts)
+    rows = np.flatnonzero(true >= 0)
+    edges = (true[rows[1:]] != true[rows[:-1]]) & (stream[rows[1:]] == stream[rows[:-1]])
+    begins = rows[1:][edges & (true[rows[1:]] == 0) & ~tare[rows[1:]]]
+    over = np.append((told == 0) | (true == 1) | recording.restarts, True)
+    ends = [int(begin + np.argmax(over[begin:])) for begin in begins.tolist()]
+    found = time_s[np.minimum(ends, len(time_s) - 1)] - time_s[begins] if ends else np.zeros(0)
+    return np.asarray(found[np.isfinite(found)])
+
+
+@dataclass(frozen=True)
 class TargetErrors:
     """Estimates of one target beside its truth; NaN: not estimated, or not to be used.
 
@@ -189,6 +256,7 @@ class TargetErrors:
     missed: int  # rows without an estimate
     invalid: int  # rows not to be used for control
     time_s: Array  # (n,) from the first row of the recording (s); NaN: independent frames
+    since_s: Array  # (n,) from the latest tare (s); NaN: none before
     groups: Integers  # (n,) place, press cycle or recording, which errors have in common
     spread: Spread = field(default=NOTHING)  # of the norm of the error, of all rows
     coverage: Coverage = field(default=UNCOVERED)  # components pooled, of all rows
@@ -243,6 +311,7 @@ def target_errors(recording: Recording, states: ContactStates) -> tuple[TargetEr
     """Errors of every target with truth in the s rows: the place first, then components."""
     found = []
     others, time_s = np.asarray(groups_of(recording)['group'], np.int64), times_of(recording)
+    since_s = tare_age(recording)
     for name, (unit, key, axes) in TARGETS.items():
         if key not in recording.truth:
             continue
@@ -257,7 +326,8 @@ def target_errors(recording: Recording, states: ContactStates) -> tuple[TargetEr
         estimate = np.where((usable & there)[:, None], estimate, np.nan)
         found.append(TargetErrors(
             name, unit, rows, stated[rows], estimate, estimate - stated[rows], variance,
-            int((usable & ~there).sum()), int((~usable).sum()), time_s[rows], groups[rows],
+            int((usable & ~there).sum()), int((~usable).sum()), time_s[rows], since_s[rows],
+            groups[rows],
         ))  # fmt: skip
     return tuple(found)
 
@@ -268,6 +338,17 @@ def times_of(recording: Recording) -> Array:
     if stamps is None:
         return np.full(len(recording), np.nan)
     return np.asarray((stamps - stamps[:1]) * 1e-9, np.float64)
+
+
+def tare_age(recording: Recording) -> Array:
+    """Time of each row since the latest tare row of its stream (s), shape (s,); NaN: none."""
+    time_s, count = times_of(recording), len(recording)
+    if recording.tare is None:
+        return np.full(count, np.nan)
+    row = np.arange(count)
+    last = np.maximum.accumulate(np.where(recording.tare, row, -1))
+    begin = np.maximum.accumulate(np.where(recording.restarts, row, 0))
+    return np.where(last >= begin, time_s - time_s[last], np.nan)
 
 
 def place_groups(plane: Array, otherwise: Integers) -> Integers:
@@ -342,6 +423,13 @@ class Agreement:
     def worst(self) -> str:
         """Attribute with the largest difference."""
         return max(self.differences, key=lambda name: self.differences[name], default='')
+
+    def __str__(self) -> str:
+        """Largest difference, in a sentence."""
+        if not np.isfinite(self.largest):
+            return f'of replay and live contacts one alone has {self.worst}'
+        largest = f'{self.largest:.1g} in {self.frames:,} frames'
+        return f'replay and live contacts differ by at most {largest}'
 
     @property
     def problems(self) -> tuple[str, ...]:

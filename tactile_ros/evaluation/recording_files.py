@@ -27,15 +27,8 @@ import numpy as np
 from tactile_ros import calibration
 from tactile_ros.enrolment import ClassChange
 from tactile_ros.errors import RecordingError
+from tactile_ros.evaluation import cdr_columns
 from tactile_ros.evaluation.bag import PACKAGE, BagContent, all_types, read_bag, same_fields
-from tactile_ros.evaluation.cdr_columns import (
-    CONTACTS,
-    FRAME,
-    STRING,
-    read_contacts,
-    read_frames,
-    read_texts,
-)
 from tactile_ros.evaluation.truth import (
     DEFAULT_TRUTH,
     TRUTH_TYPES,
@@ -72,8 +65,10 @@ MOST_BYTES = 2 << 30
 MOST_ROWS = 5_000_000
 NS_PER_S = 1_000_000_000
 LAYOUT = 'tactile_ros/msg/TactileLayout'
-ROLES = {('frame', FRAME), ('baseline', FRAME), ('layout', LAYOUT), ('contacts', CONTACTS)}
-ROLES |= {('calibration', STRING)}
+ROLES = {
+    ('frame', cdr_columns.FRAME), ('baseline', cdr_columns.FRAME), ('layout', LAYOUT),
+    ('contacts', cdr_columns.CONTACTS), ('calibration', cdr_columns.STRING),
+}  # fmt: skip
 PIECE = 4096  # frames
 HORIZON_NS = 2_000_000_000
 MOST_WAITING = 8  # pieces of frames that wait for the log time to go on
@@ -155,10 +150,9 @@ def load(
 ) -> Loaded:
     """Load a bag (folder, .mcap, .db3), an .npz or a .csv as a whole, one recording per sensor.
 
-    The layout is for .csv, and for bags without one; topics that tell the truth (TactileContacts,
-    WrenchStamped, PoseStamped, PoseWithCovarianceStamped, String) are relative to the sensor's
-    namespace or absolute; without an association truth is brought together with frames by
-    stamps, within half a step. Raises RecordingError if there is nothing of ours at `path`.
+    The layout is for .csv, and for bags without one; topics that tell the truth are relative to
+    the sensor's namespace or absolute; without an association truth meets frames within half a
+    step. Raises RecordingError if there is nothing of ours at `path`.
     """
     file = Path(path)
     if not file.exists():
@@ -212,12 +206,10 @@ class MessageBuffer:
 class Bag:
     """A bag in pieces: iterate over it once, then ask for its problems and the truth of sensors.
 
-    Pieces are of equal length and do not depend on how the bag is chunked: one is complete when
-    the bag has gone on for `HORIZON_NS` of log time; contacts and baselines that are heard later
-    than that after their frame come too late. So readings of a long bag are never held at once.
-
-    Parameters are as of `load`; of a piece of None frames it is `PIECE`, and ClassesChangedError
-    is raised where classes came or went; `wanted` are the keys of the truth to read.
+    A piece is complete when the bag has gone on for `HORIZON_NS` of log time; contacts and
+    baselines that are heard later than that come too late. Parameters are as of `load`; with None
+    frames a piece has `PIECE`, and ClassesChangedError is raised where classes came or went;
+    `wanted` are the keys of the truth to read.
     """
 
     def __init__(
@@ -292,7 +284,8 @@ class Bag:
     def _hand_on(self) -> None:
         """Give truth to the sensors that it is about, as far as the bag has told of sensors."""
         topics = {**self.content.announced, **self.content.types}.items()
-        spaces = {t.rpartition('/')[0] for t, k in topics if t.endswith('/frame') and k == FRAME}
+        of_frames = (t for t, k in topics if t.endswith('/frame') and k == cdr_columns.FRAME)
+        spaces = {topic.rpartition('/')[0] for topic in of_frames}
         for (topic, kind), buffer in self._truth.items():
             hearers = [
                 sensor
@@ -307,7 +300,6 @@ class Bag:
                 sensor.truth.setdefault(topic, TruthTopic(topic, kind)).extend(logs, messages)
 
     def _complete(self, *, final: bool) -> Iterator[tuple[str, LoadedRecording]]:
-        """Pieces that are complete by now."""
         heard = [b.logs for s in self.sensors.values() for b in (s.frames, s.contacts) if b.logs]
         self._now_ns = max([self._now_ns, *(logs[-1] for logs in heard)])
         for space, sensor in self.sensors.items():
@@ -363,7 +355,7 @@ class SensorBag:
         self._usual: Array | None = None
 
     def _take_calibration(self, data: bytes) -> None:
-        _, texts = read_texts([data])
+        _, texts = cdr_columns.read_texts([data])
         self._announcements += texts
         if self._in_pieces and read_changes(texts):
             raise ClassesChangedError
@@ -400,7 +392,6 @@ class SensorBag:
         return replace(one, problems=(*self._notes, *problems))
 
     def _described(self, one: LoadedRecording) -> LoadedRecording:
-        """Name the calibrations that were announced so far."""
         digests = (digest for text in self._announcements for digest in _DIGEST.findall(text))
         calibrations, changes = tuple(dict.fromkeys(digests)), read_changes(self._announcements)
         return replace(one, calibrations=calibrations, changes=changes)
@@ -419,7 +410,7 @@ class SensorBag:
         """
         layout = self.layout
         logs, messages = self.frames.take(frames)
-        rows = read_frames(messages, layout.shape)
+        rows = cdr_columns.read_frames(messages, layout.shape)
         self._lost[f'messages of {self.space}/frame are damaged'] += rows.damaged
         wanted = ' x '.join(map(str, layout.shape))
         self._lost[f'frames were left out: they are not of {wanted}'] += rows.misfits
@@ -434,7 +425,6 @@ class SensorBag:
         return self._described(piece)
 
     def _recording(self, arrays: Columns, log_ns: Integers) -> Recording:
-        """Frames as a recording; a new stream begins where the counter or the clock went back."""
         stamp_ns, sequence = (cast('Integers', arrays[n]) for n in ('stamp_ns', 'sequence'))
         values = cast('Array', arrays['values'])
         before = (int(stamp_ns[0]) - 1, int(sequence[0]) - 1, 0)
@@ -471,7 +461,7 @@ class SensorBag:
             return None
         heard, data = self.contacts.take_until(until)
         taxels = self.layout.shape[0]
-        messages = read_contacts(data, taxels)
+        messages = cdr_columns.read_contacts(data, taxels)
         self._lost[f'messages of {self.space}/contacts are damaged'] += messages.damaged
         self._lost[f'contacts do not fit a sensor of {taxels} taxels'] += messages.misfits
         logs = np.array(heard, np.int64)[messages.rows]
@@ -495,8 +485,7 @@ class SensorBag:
         return LiveContacts(rows[kept], states, logs[kept], given_up)
 
     def _baselines(self, until: int) -> tuple[Frame, ...]:
-        """Baselines that were heard since the piece before."""
-        rows = read_frames(self.tares.take_until(until)[1], self.layout.shape)
+        rows = cdr_columns.read_frames(self.tares.take_until(until)[1], self.layout.shape)
         lost = rows.damaged + rows.misfits
         self._lost[f'messages of {self.space}/baseline are damaged or do not fit'] += lost
         names = ('stamp_ns', 'sequence', 'values', 'temperature_c', 'status', 'device_time_ns')
@@ -601,7 +590,6 @@ def read_csv(path: str | os.PathLike[str], layout: Layout) -> Recording:
 
 
 def _csv_columns(file: Path) -> dict[str, list[str]]:
-    """Cells of every column under its name."""
     if file.exists() and not file.is_file():  # a pipe or a device may never end
         msg = f'{file} cannot be read: it is no file'
         raise RecordingError(msg)
@@ -628,7 +616,6 @@ def _csv_columns(file: Path) -> dict[str, list[str]]:
 
 
 def _csv_stamps(columns: dict[str, list[str]]) -> Integers:
-    """Acquisition times (ns) from seconds."""
     seconds = [cell.partition('.') for cell in columns.pop('time_s')]
     return np.array([int(s) * NS_PER_S + int(f'{part:0<9.9}') for s, _, part in seconds], np.int64)
 
@@ -639,7 +626,6 @@ def _csv_truth(
     taxels: int,
     samples: int,
 ) -> dict[str, Array]:
-    """Truth from the columns that bear its names."""
     truth = {}
     for key in TRUTH_KEYS:
         shape = field_shape(key, taxels)

@@ -1,9 +1,8 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Any pipeline over the frames of a recording, compared with what was said live and with truth.
 
-A replay repeats what the live node did: the frames that its contacts name, the baselines that it
-published each from its first frame on, classes learned and forgotten where it did so, memory
-forgotten where a stream began. A bag may go through it in pieces.
+A replay repeats what the live node did: the frames that its contacts name, baselines, classes that
+were learned and forgotten, memory that ends with a stream. A bag may go through it in pieces.
 """
 
 from __future__ import annotations
@@ -19,16 +18,8 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from tactile_ros import enrolment
 from tactile_ros.conditioning.faults import DAMAGED, SAYS_NOTHING, UNUSABLE, taxel_faults
-from tactile_ros.enrolment import (
-    EVERYTHING,
-    ClassChange,
-    Press,
-    PressWatch,
-    learn,
-    recording_of,
-    window_of,
-)
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.cdr_columns import stack, widened
 from tactile_ros.evaluation.metrics import Agreement
@@ -100,12 +91,11 @@ def as_live(calibrations: Sequence[str], pipeline: Pipeline) -> Pipeline:
 
 
 def as_it_began(
-    calibrations: Sequence[str], changes: Sequence[ClassChange], pipeline: Pipeline
+    calibrations: Sequence[str], changes: Sequence[enrolment.ClassChange], pipeline: Pipeline
 ) -> Pipeline:
-    """Pipeline with which the live run began, to be changed as the run changed it.
+    """Pipeline with which the live run began: without the classes that were enrolled in it.
 
-    A calibration that holds the classes that were enrolled in the run forgets them, where that
-    leads back to the one that was announced first; else it is taken as it is.
+    Where that does not lead back to the one that was announced first, it is taken as it is.
     """
     if not changes:
         return pipeline
@@ -121,7 +111,7 @@ def as_it_began(
 
 
 def calibration_problems(
-    calibrations: Sequence[str], pipeline: Pipeline, changes: Sequence[ClassChange] = ()
+    calibrations: Sequence[str], pipeline: Pipeline, changes: Sequence[enrolment.ClassChange] = ()
 ) -> tuple[str, ...]:
     """Sentence where a bag was made with other calibrations (SHA-256) than the pipeline's.
 
@@ -146,20 +136,18 @@ def failure_problems(pipeline: Pipeline, before: int = 0) -> tuple[str, ...]:
 
 
 class Follower:
-    """One pipeline along a live run, with its memory carried over from piece to piece.
+    """Copy of a pipeline along a live run, with its memory carried over from piece to piece.
 
-    The pipeline stays as it is, a copy moves on. Calibrations (SHA-256) and changes of classes
-    are those of the live run, which must come in one piece if there are changes; `clock_ns`
-    measures the time per frame. `states` are of every row of the last piece, unknown where the
-    live node saw no frame; `agreement` with the live run is None without live contacts; `frames`
-    were processed so far.
+    Calibrations (SHA-256) and changes of classes are those of the live run, which must come in one
+    piece if there are changes. `states` are of every row of the last piece, unknown where the live
+    node saw no frame; `agreement` is None without live contacts; `frames` were processed so far.
     """
 
     def __init__(
         self,
         pipeline: Pipeline,
         calibrations: Sequence[str] = (),
-        changes: Sequence[ClassChange] = (),
+        changes: Sequence[enrolment.ClassChange] = (),
         clock_ns: Callable[[], int] = perf_counter_ns,
     ) -> None:
         self.frames = self._spent_ns = 0
@@ -281,9 +269,8 @@ def gathered(
 class BaselineQueue:
     """Baselines of a live run, each until the first frame that it holds for.
 
-    A counter that starts again makes its sequence ambiguous: a baseline belongs to the stream with
-    a frame of its stamp; where none has one, to that of the baseline before it, or to the next
-    where its sequence went back.
+    A baseline belongs to the stream with a frame of its stamp; where none has one, to that of the
+    baseline before it, or to the next where its sequence went back.
     """
 
     def __init__(self) -> None:
@@ -326,7 +313,7 @@ class BaselineQueue:
 class ClassChanges:
     """Classes that a pipeline learns and forgets again while frames of a live run are replayed."""
 
-    def __init__(self, changes: Sequence[ClassChange], pipeline: Pipeline) -> None:
+    def __init__(self, changes: Sequence[enrolment.ClassChange], pipeline: Pipeline) -> None:
         self.problems: list[str] = []
         self._pipeline = pipeline
         self._waiting = list(changes)
@@ -363,8 +350,7 @@ class ClassChanges:
         if recording.stamp_ns is not None and int(recording.stamp_ns[row]) in self._firsts:
             self._baselines[int(recording.stamp_ns[row])] = self._pipeline.baseline
 
-    def _make(self, change: ClassChange, recording: Recording) -> None:
-        """Learn or forget one class; LookupError where its presses are not in the recording."""
+    def _make(self, change: enrolment.ClassChange, recording: Recording) -> None:
         if not change.presses:
             self._pipeline.forget(change.label)
             return
@@ -375,13 +361,14 @@ class ClassChanges:
                 raise LookupError(msg)
             rows = np.flatnonzero((stamps >= first) & (stamps <= last)).tolist()
             frames = tuple(recording.frame(row) for row in rows)
-            presses.append(Press(frames, self._baselines[first]))
-        support = recording_of(self._pipeline.layout, presses)
+            presses.append(enrolment.Press(frames, self._baselines[first]))
+        support = enrolment.recording_of(self._pipeline.layout, presses)
         # what the live run allowed is not asked again
-        learn(self._pipeline, change.label, support, change.replace, EVERYTHING)
+        everything = enrolment.EVERYTHING
+        enrolment.learn(self._pipeline, change.label, support, change.replace, everything)
 
 
-def presses_in(loaded: LoadedRecording, pipeline: Pipeline) -> list[Press]:
+def presses_in(loaded: LoadedRecording, pipeline: Pipeline) -> list[enrolment.Press]:
     """Presses in the bag of a live run, identified as the live run does.
 
     The baseline of the pipeline, which tells contact, changes as the recording says. Raises
@@ -390,12 +377,12 @@ def presses_in(loaded: LoadedRecording, pipeline: Pipeline) -> list[Press]:
     recording = loaded.recording
     rows = np.arange(len(recording))
     baselines = BaselineQueue().by_row(recording, rows, loaded.baselines)
-    ended: list[Press | None] = []
-    watch, failures = PressWatch(window_of(pipeline)), pipeline.failures
+    ended: list[enrolment.Press | None] = []
+    watch, failures = enrolment.PressWatch(enrolment.window_of(pipeline)), pipeline.failures
     for row, restart in zip(rows.tolist(), recording.restarts, strict=True):
         if restart:
             pipeline.reset()
-            watch = PressWatch(window_of(pipeline))
+            watch = enrolment.PressWatch(enrolment.window_of(pipeline))
         if row in baselines:
             pipeline.tare([baselines[row]])
         frame = recording.frame(row)
@@ -411,9 +398,8 @@ def presses_in(loaded: LoadedRecording, pipeline: Pipeline) -> list[Press]:
 def with_tare_rows(loaded: LoadedRecording) -> tuple[Recording, str]:
     """Mark the frames that the live run of a bag tared on as tare rows of its recording.
 
-    A baseline says of how many frames it is the mean and which was the last: they are the newest
-    undamaged ones that the node processed. Returns the recording, the same where it has tare rows
-    already or no tare serves, and a sentence about tares that do not serve; empty if all do.
+    They are the newest undamaged ones before each baseline. Returns the recording, the same where
+    it has tare rows already, and a sentence about tares that do not serve; empty if all do.
     """
     recording = loaded.recording
     if recording.tare is not None or recording.stamp_ns is None or recording.sequence is None:
@@ -447,7 +433,6 @@ def with_tare_rows(loaded: LoadedRecording) -> tuple[Recording, str]:
 
 
 def _undamaged(loaded: LoadedRecording) -> Bools:
-    """Frames that a tare may take: by the contacts of the node, without any by the readings."""
     recording, live = loaded.recording, loaded.contacts
     if live is None:
         faults = taxel_faults(recording.values, recording.status, recording.layout)

@@ -22,18 +22,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros import __version__
-from tactile_ros.evaluation import figures
+from tactile_ros.evaluation import figures, metrics
 from tactile_ros.evaluation.bag import missing
-from tactile_ros.evaluation.compare import COLUMNS, NOTES, row_of
+from tactile_ros.evaluation.compare import COLUMNS, NOTES, paired_groups, row_of
 from tactile_ros.evaluation.figures import MM, Drawing, Figure, quantity, rounded
-from tactile_ros.evaluation.metrics import (
-    ClassErrors,
-    Spread,
-    TargetErrors,
-    class_errors,
-    spread,
-    target_errors,
-)
 from tactile_ros.files import write_atomically
 from tactile_ros.types import Array, Table
 
@@ -61,16 +53,18 @@ class Answer:
     """Errors of one pipeline, or of one way to use it, on one recording or several."""
 
     name: str
-    targets: tuple[TargetErrors, ...]  # with truth
+    targets: tuple[metrics.TargetErrors, ...]  # with truth
     us_single: float = float('nan')  # time of a frame alone (microseconds); NaN: not measured
     us_batch: float = float('nan')  # of one among many
-    classes: tuple[ClassErrors, ...] = ()  # with truth
+    classes: tuple[metrics.ClassErrors, ...] = ()  # with truth
+    contact: metrics.ContactErrors | None = None  # with truth, and told
+    untared: Answer | None = None  # of the same frames after the first tare alone
     calibration: str = ''
     frames: int = 0  # processed
     agreement: Agreement | None = None  # with the live run
     problems: tuple[str, ...] = ()  # sentences
 
-    def target(self, name: str) -> TargetErrors | None:
+    def target(self, name: str) -> metrics.TargetErrors | None:
         """Errors of one target; None where there are none."""
         return next((t for t in self.targets if t.name == name), None)
 
@@ -80,7 +74,7 @@ class Answer:
         return {one.name: one.hits for one in self.classes}
 
     @property
-    def confusion_errors(self) -> list[ClassErrors]:
+    def confusion_errors(self) -> list[metrics.ClassErrors]:
         """Errors of cells and labels that are estimated in some row."""
         return [c for c in self.classes if c.name in ('cell', 'label') and (c.said >= 0).any()]
 
@@ -90,8 +84,8 @@ def answer(
 ) -> Answer:
     """Judge the states of a recording by its truth."""
     return Answer(
-        name, target_errors(recording, states), us_single, us_batch,
-        class_errors(recording.truth, states),
+        name, metrics.target_errors(recording, states), us_single, us_batch,
+        metrics.class_errors(recording.truth, states), metrics.contact_errors(recording, states),
     )  # fmt: skip
 
 
@@ -122,9 +116,33 @@ class Dataset:
         return first
 
     @property
-    def latency(self) -> Spread:
+    def latency(self) -> metrics.Spread:
         """Summary of the latency (s)."""
-        return spread(self.latency_s)
+        return metrics.spread(self.latency_s)
+
+    @property
+    def all_problems(self) -> list[str]:
+        """Problems of the recording and of all answers, and frames that are in no error."""
+        left_out = [
+            f'{answer.name}, {target.name.replace("_", " ")}: {target.missed} frames without an '
+            f'estimate, {target.invalid} invalid, of {target.known}'
+            for answer in self.answers[:1]
+            for target in answer.targets
+            if target.missed or target.invalid
+        ]
+        of_answers = (text for answer in self.answers for text in answer.problems)
+        return [*dict.fromkeys((*of_answers, *self.problems, *left_out))]
+
+    @property
+    def sentences(self) -> list[str]:
+        """Association of truth, agreement with the live run and warnings, under its name."""
+        said = [f'{topic}: {how}' for topic, how in self.association.items()]
+        several = sum(one.agreement is not None for one in self.answers) > 1
+        for one in self.answers:
+            which = f'{one.calibration}: ' if several else ''
+            if one.agreement and (math.isfinite(one.agreement.largest) or not one.problems):
+                said.append(f'{which}{one.agreement}')
+        return [f'{self.name}: {text}' for text in (*said, *self.all_problems)]
 
 
 def for_drawing(one: Dataset) -> Dataset:
@@ -144,14 +162,11 @@ def for_drawing(one: Dataset) -> Dataset:
         )
         for answer in judged
     )
-    problems = [*one.problems, *(text for answer in one.answers for text in answer.problems)]
-    if step > 1:
-        problems.append(
-            f'{one.frames:,} frames are more than drawings hold: they show every {step}th row '
-            'with truth; figures are of all'
-        )
-    summary = '; '.join(f'{topic}: {how}' for topic, how in one.association.items())
-    return replace(one, summary=summary, answers=answers, problems=tuple(dict.fromkeys(problems)))
+    many = (
+        f'{one.frames:,} frames are more than drawings hold: they show every {step}th row with '
+        'truth; figures are of all'
+    )
+    return replace(one, answers=answers, problems=(*one.problems, *[many] * (step > 1)))
 
 
 @dataclass(frozen=True)
@@ -176,15 +191,8 @@ class Result:
 
     @property
     def sentences(self) -> list[str]:
-        """Agreement with live runs and problems, each under the name of its recording."""
-        found = []
-        for one in self.datasets:
-            said = [*one.problems, *_left_out(one)]
-            if one.agreement is not None:
-                worst = f'{one.agreement.largest:.1g}'
-                said.insert(0, f'replay and live contacts differ by at most {worst}')
-            found += [f'{one.name}: {sentence}' for sentence in dict.fromkeys(said)]
-        return found
+        """Everything to know of the recordings beside the table."""
+        return [text for one in self.datasets for text in one.sentences]
 
     def plot(self) -> Drawing:
         """Figures of every recording, as a report has them."""
@@ -213,8 +221,9 @@ class Result:
         return pandas.DataFrame({n: np.concatenate([part[n] for part in parts]) for n in names})
 
 
-def _error_columns(recording: str, estimator: str, target: TargetErrors, axis: int) -> Columns:
-    """Columns (n,) of one component of a target."""
+def _error_columns(
+    recording: str, estimator: str, target: metrics.TargetErrors, axis: int
+) -> Columns:
     name = f'{target.name}_{"xy"[axis]}' if target.error.shape[1] > 1 else target.name
     words = {'recording': recording, 'estimator': estimator, 'target': name}
     return {
@@ -252,39 +261,36 @@ def provenance(recordings: Iterable[str], pipelines: Mapping[str, Pipeline]) -> 
     return {**facts, **environment()}
 
 
-def inside_one_sigma(targets: Sequence[TargetErrors]) -> int:
+def inside_one_sigma(targets: Sequence[metrics.TargetErrors]) -> int:
     """Components of errors within one standard deviation of their own."""
     shares = [target.coverage for target in targets if target.coverage.count]
     return round(sum(one.share * one.count for one in shares))
 
 
 def _covered(answer: Answer, begin: str) -> Cell:
-    """Share of errors of some targets within their stated sigma (%)."""
     targets = [target for target in answer.targets if target.name.startswith(begin)]
     judged = sum(target.coverage.count for target in targets)
     return 100 * inside_one_sigma(targets) / judged if judged else None
 
 
-def _place(answer: Answer, name: str) -> Cell:
-    """Figure of the spread of place errors (mm)."""
-    target = answer.target('position')
+def _place(answer: Answer | None, name: str) -> Cell:
+    target = answer and answer.target('position')
     return MM * float(getattr(target.spread, name)) if target else None
 
 
-def _rms(answer: Answer, *names: str) -> Cell:
-    """RMS error of some targets, components pooled."""
+def _rms(answer: Answer | None, *names: str) -> Cell:
+    if answer is None:
+        return None
     parts = [t.spread for t in answer.targets if t.name in names and t.spread.count]
     squares = sum(part.count * part.rms**2 for part in parts)
     return math.sqrt(squares / sum(part.count for part in parts)) if parts else None
 
 
 def _right(answer: Answer, kind: str) -> Cell:
-    """Share of right answers (%)."""
     return next((c.right for c in answer.classes if c.name == kind), None)
 
 
 def _latency(one: Dataset, answer: Answer, name: str) -> Cell:
-    """Figure of the spread of the latency (ms), beside the first answer of a recording."""
     first = answer is one.answers[0]
     return MM * float(getattr(one.latency, name)) if first and one.latency.count else None
 
@@ -293,11 +299,17 @@ CELLS: dict[str, Callable[[Dataset, Answer], Cell]] = {
     'recording': lambda d, _: d.name,
     'estimator': lambda _, a: a.name,
     'calibration': lambda _, a: a.calibration,
+    'false contacts (%)': lambda _, a: a.contact.contact_at_rest if a.contact else None,
+    'contacts found (%)': lambda _, a: a.contact.found if a.contact else None,
+    'release (s)': lambda _, a: metrics.spread(a.contact.release_s).p95 if a.contact else None,
     'place mean (mm)': lambda _, a: _place(a, 'mean'),
+    'place, untared (mm)': lambda _, a: _place(a.untared, 'mean'),
     'p50': lambda _, a: _place(a, 'p50'),
     'p95': lambda _, a: _place(a, 'p95'),
     'normal RMSE (N)': lambda _, a: _rms(a, 'force_z'),
+    'normal, untared (N)': lambda _, a: _rms(a.untared, 'force_z'),
     'shear RMSE (N)': lambda _, a: _rms(a, 'force_x', 'force_y'),
+    'shear, untared (N)': lambda _, a: _rms(a.untared, 'force_x', 'force_y'),
     'place in 1 sigma (%)': lambda _, a: _covered(a, 'position'),
     'force in 1 sigma (%)': lambda _, a: _covered(a, 'force'),
     'named rightly (%)': lambda _, a: next((c.right for c in a.confusion_errors), None),
@@ -347,7 +359,6 @@ def figure_text(value: Cell) -> str:
 
 
 def _best(columns: list[str], rows: list[list[Cell]]) -> set[tuple[int, int]]:
-    """Cells (row, column) that are the lowest of their recording, where estimators compete."""
     low = [i for i, c in enumerate(columns) if any(word in c for word in LOW_IS_BETTER)]
     best = set()
     for i, name in product((i for i in low if 'latency' not in columns[i]), {r[0] for r in rows}):
@@ -371,7 +382,7 @@ def figures_of(dataset: Dataset, colours: dict[str, str]) -> list[Figure]:
     answer, colour = dataset.answers[0], colours[dataset.answers[0].name]
     forces = [t for n in ('force_z', 'force_x', 'force_y') if (t := answer.target(n)) and t.varies]
     estimated = [target for target in forces if target.spread.count]
-    drawn: list[Figure | None] = []
+    drawn: list[Figure | None] = [figures.contact(answer.contact)] if answer.contact else []
     if places := _compared(dataset, 'position'):
         if (place := places.get(answer.name)) is not None:
             drawn.append(figures.place_map(place, dataset.chips))
@@ -387,18 +398,17 @@ def figures_of(dataset: Dataset, colours: dict[str, str]) -> list[Figure]:
     drawn += [figures.confusion_figure(errors) for errors in answer.confusion_errors]
     drawn += [figures.hysteresis(target) for target in forces]
     drawn += [figures.drift(target, colour) for target in forces]
+    drawn += [figures.drift(target, colour, since_tare=True) for target in forces]
     drawn += [figures.force_trace(target, answer.name, colour) for target in estimated]
     return [figure for figure in drawn if figure is not None]
 
 
-def _compared(dataset: Dataset, name: str) -> dict[str, TargetErrors]:
-    """Errors of a target by estimator, where it has any."""
+def _compared(dataset: Dataset, name: str) -> dict[str, metrics.TargetErrors]:
     found = {n: a.target(name) for n, a in dataset.competitors.items()}
     return {n: target for n, target in found.items() if target and target.spread.count}
 
 
 def _speed(dataset: Dataset, colours: dict[str, str]) -> Figure | None:
-    """Error of every estimator against its time."""
     if not dataset.answers[0].targets:
         return None
     name = dataset.answers[0].targets[0].name
@@ -420,43 +430,30 @@ def headline(result: Result) -> list[tuple[str, str, str]]:
         'force_x': 'RMSE of shear force',
         'force_y': 'RMSE of shear force y',
     }
-    found = []
+    found, answers = [], [one.answers[0] for one in result.datasets if one.answers]
+    if parts := [answer.contact for answer in answers if answer.contact]:
+        touch = metrics.ContactErrors.pool(parts)
+        words = f'Is something touching? contacts above {metrics.LEAST_TOUCH:g} N that are found; '
+        words += f'{figure_text(touch.contact_at_rest)} % of frames at rest are false contacts'
+        if len(touch.release_s):
+            words += (
+                f', release is told after {quantity(metrics.spread(touch.release_s).p95, "s")}'
+            )
+        found.append((figure_text(touch.found), '%', words))
     for name, words in wanted.items():
-        targets = [d.answers[0].target(name) for d in result.datasets if d.answers]
-        if judged := [t for t in targets if t and t.spread.count and t.varies]:
-            value, _, unit = quantity(figures.shown(judged[0]), judged[0].unit).partition(' ')
-            found.append((value, unit, words))
+        targets = [(one.target(name), one.untared) for one in answers]
+        if judged := [(t, u) for t, u in targets if t and t.spread.count and t.varies]:
+            target, untared = judged[0]
+            value, _, unit = quantity(figures.shown(target), target.unit).partition(' ')
+            other = untared and untared.target(name)
+            tared = f'; untared {quantity(figures.shown(other), other.unit)}' if other else ''
+            found.append((value, unit, f'{words}{tared}'))
     if delay := next((d.latency for d in result.datasets if d.latency.count), None):
         value, _, unit = quantity(delay.p50, 's').partition(' ')
         found.append((value, unit, f'latency (p99 {quantity(delay.p99, "s")})'))
     lost = sum(d.dropped for d in result.datasets)
     frames = sum(d.frames for d in result.datasets)
     return [*found, (f'{lost}', '', f'of {lost + frames} frames lost')]
-
-
-def _left_out(dataset: Dataset) -> list[str]:
-    """Sentences on frames that are in no error."""
-    return [
-        f'{answer.name}, {target.name.replace("_", " ")}: {target.missed} frames without an '
-        f'estimate, {target.invalid} invalid, of {target.known}'
-        for answer in dataset.answers[:1]
-        for target in answer.targets
-        if target.missed or target.invalid
-    ]
-
-
-def _agreement(found: Agreement) -> str:
-    """Verdict on replay and live run."""
-    largest = f'{found.largest:.2g}'.replace('-', '−')
-    verdict = f'The replay differs from the live run by up to {largest} ({found.worst})'
-    if found.largest <= SAME:
-        verdict = (
-            f'The replay gives the contacts of the live run in all {found.frames:,} frames: '
-            f'largest difference {largest}'
-        )
-    if found.without_contacts:
-        verdict += f'; {found.without_contacts:,} frames had no contacts and were left out'
-    return f'{verdict}.'
 
 
 def render_page(template: Path, **values: object) -> str:
@@ -487,9 +484,7 @@ def render(result: Result) -> str:
     sections = [
         {
             'dataset': dataset,
-            'verdict': _agreement(found) if (found := dataset.agreement) else '',
-            'same': found is not None and found.largest <= SAME,
-            'problems': [*dataset.problems, *_left_out(dataset)],
+            'same': dataset.agreement is not None and dataset.agreement.largest <= SAME,
             'figures': figures_of(dataset, colours),
         }
         for dataset in result.datasets
@@ -510,7 +505,7 @@ def write_report(path: str | os.PathLike[str], result: Result) -> Path:
 
 def write_comparison(path: Path, found: Sequence[Comparison], command: str) -> Path:
     """Write comparisons as a drawing (.svg) or a page of their own (.html); return the path."""
-    drawn = tuple(figures.paired_groups(one) for one in found)
+    drawn = tuple(paired_groups(one) for one in found)
     if path.suffix == '.svg':
         return Drawing(drawn).save(path)
     page = render_page(

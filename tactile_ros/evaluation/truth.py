@@ -13,17 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.spatial.transform import Rotation
 
 from tactile_ros.errors import RecordingError
-from tactile_ros.evaluation.cdr_columns import (
-    CONTACTS,
-    STRING,
-    blank_column,
-    read_contacts,
-    read_rows,
-    read_texts,
-    stack,
-    stamps_of,
-    vectors_of,
-)
+from tactile_ros.evaluation import cdr_columns
 from tactile_ros.types import TRUTH_KEYS, Array, Integers, admit_name
 
 if TYPE_CHECKING:
@@ -149,23 +139,23 @@ def held_labels(
 
 
 def _wrench(columns: Columns) -> Columns:
-    """Force and torque of WrenchStamped, with its time."""
-    truth: Columns = {name: vectors_of(columns, f'wrench.{name}') for name in ('force', 'torque')}
-    return {'stamp_ns': stamps_of(columns), **truth}
+    names = ('force', 'torque')
+    truth = {name: cdr_columns.vectors_of(columns, f'wrench.{name}') for name in names}
+    return {'stamp_ns': cdr_columns.stamps_of(columns), **truth}
 
 
 def _pose(columns: Columns) -> Columns:
-    """Position and pose of PoseStamped, with or without covariance, with its time."""
     path = 'pose.pose' if 'pose.pose.position.x' in columns else 'pose'
-    position = vectors_of(columns, f'{path}.position')
-    turn = vectors_of(columns, f'{path}.orientation', 'xyzw')
+    position = cdr_columns.vectors_of(columns, f'{path}.position')
+    turn = cdr_columns.vectors_of(columns, f'{path}.orientation', 'xyzw')
     matrix = np.full((len(position), 4, 4), np.nan)
     matrix[:, :3, 3] = position
     matrix[:, 3] = 0.0, 0.0, 0.0, 1.0
     measured = np.isfinite(turn).all(axis=1) & (np.linalg.norm(turn, axis=1) > 0)
     if measured.any():
         matrix[measured, :3, :3] = Rotation.from_quat(turn[measured]).as_matrix()
-    return {'stamp_ns': stamps_of(columns), 'position': position, 'object_pose': matrix}
+    stamps = cdr_columns.stamps_of(columns)
+    return {'stamp_ns': stamps, 'position': position, 'object_pose': matrix}
 
 
 STANDARD: dict[str, Callable[[Columns], Columns]] = {
@@ -173,7 +163,7 @@ STANDARD: dict[str, Callable[[Columns], Columns]] = {
     'geometry_msgs/msg/PoseStamped': _pose,
     'geometry_msgs/msg/PoseWithCovarianceStamped': _pose,
 }
-TRUTH_TYPES = (*STANDARD, STRING, CONTACTS)
+TRUTH_TYPES = (*STANDARD, cdr_columns.STRING, cdr_columns.CONTACTS)
 
 
 class TruthTopic:
@@ -202,14 +192,15 @@ class TruthTopic:
         if not logs:
             return
         part: Columns = {}
-        if self.type_name == STRING:
-            rows, texts = read_texts(messages)
+        if self.type_name == cdr_columns.STRING:
+            rows, texts = cdr_columns.read_texts(messages)
             self._texts += texts
         else:
+            keys = [key for key in TRUTH_KEYS if key in wanted]
             found = (
-                read_contacts(messages, taxels, [key for key in TRUTH_KEYS if key in wanted])
-                if self.type_name == CONTACTS
-                else read_rows(messages, self.type_name, STANDARD[self.type_name])
+                cdr_columns.read_contacts(messages, taxels, keys)
+                if self.type_name == cdr_columns.CONTACTS
+                else cdr_columns.read_rows(messages, self.type_name, STANDARD[self.type_name])
             )
             rows = found.rows
             part = {
@@ -230,13 +221,13 @@ class TruthTopic:
         if not self._logs:
             return {}, names, 0
         logs = np.concatenate(self._logs)
-        if self.type_name == STRING:
+        if self.type_name == cdr_columns.STRING:
             self.sentence = 'holds from when it was heard until the next'
             return (*held_labels(self._texts, logs, frames.stamp_ns, names), 0)
-        arrays = stack(self._parts, [len(part) for part in self._logs])
+        arrays = cdr_columns.stack(self._parts, [len(part) for part in self._logs])
         stamps = cast('Integers', arrays.pop('stamp_ns')).astype(np.int64)
         delay, remark, tolerance = 0, '', association.tolerance_ns
-        if self.type_name == CONTACTS:
+        if self.type_name == cdr_columns.CONTACTS:
             tolerance = half_step(frames.stamp_ns) if tolerance is None else tolerance
             rows = self._rows_of_frames(
                 frames, stamps, arrays.pop('sequence').astype(np.int64), logs, tolerance
@@ -255,7 +246,7 @@ class TruthTopic:
         truth: Columns = {}
         for key, column in arrays.items():
             if not is_unknown(column[source[source >= 0]]).all():
-                truth[key] = blank_column(key, column, len(frames))
+                truth[key] = cdr_columns.blank_column(key, column, len(frames))
                 truth[key][source >= 0] = column[source[source >= 0]]
         return truth, names, int((~used).sum())
 
@@ -301,24 +292,17 @@ def merged(
     return truth, names, +lost
 
 
-# Delay of a signal behind another: each stretch of the recording gives one estimate, the peak of
-# the normalised cross-correlation; their median is the answer, and their scatter its uncertainty,
-# so that a few stretches in which nothing or something else happened do no harm.
-
-
 @dataclass(frozen=True)
 class Delay:
-    """Median delay (ns) of some stretches with its deviation, and their median correlation."""
+    """Median delay (ns) of some stretches with its deviation, and their median correlation.
+
+    Each stretch gives the peak of its normalised cross-correlation; their scatter tells the rest.
+    """
 
     delay_ns: float
     std_ns: float
     correlation: float
     stretches: int
-
-    @property
-    def significant(self) -> bool:
-        """True where the delay stands out of its uncertainty."""
-        return abs(self.delay_ns) > 3 * self.std_ns
 
 
 def estimate_delay(
@@ -327,8 +311,7 @@ def estimate_delay(
     """Delay of a signal (m,) behind another (n,), up to half a second either way.
 
     Times (ns) increase; signals may be of any unit and sign. None where fewer than three
-    stretches of four seconds correlate. What the skin itself lags behind (its creep) is part of
-    the answer.
+    stretches of four seconds correlate. The creep of the skin is part of the answer.
     """
     if min(len(times), len(late_times)) < 2:
         return None
@@ -376,13 +359,13 @@ def _peak(part: Array, late: Array) -> tuple[float, float]:
 def _delay(
     association: Association, frames: FrameTimes, stamps: Integers, logs: Integers, truth: Columns
 ) -> tuple[int, str]:
-    """Delay (ns) of n messages of another instrument behind the frames, and its origin."""
     if association.delay_ns is not None:
         return association.delay_ns, association.remark
     found = _delay_of_signals(frames, stamps, logs, truth)
     if found is None:
         return 0, ' (assumed: the signals do not tell)'
-    return round(found.delay_ns) if found.significant else 0, (
+    significant = abs(found.delay_ns) > 3 * found.std_ns
+    return round(found.delay_ns) if significant else 0, (
         f' (estimated: {found.delay_ns * 1e-6:.3g} +- {found.std_ns * 1e-6:.2g} ms from '
         f'{found.stretches} stretches, correlation {found.correlation:.2f})'
     )

@@ -165,27 +165,13 @@ def _ellipse(cov: Array) -> list[float] | None:
 
 
 class PageServer(Closing):
-    """Serve the page and what it shows.
+    """Serve the page and what it shows on a port of this machine; 0: any free one.
 
-    Parameters
-    ----------
-    port : int
-        Of the server on this machine; 0: any free one.
-    control : bool
-        Pages may ask for a tare, which calls `tare` once it is set; False: they may only look.
-
-    Attributes
-    ----------
-    tare : callable or None
-        Name of a sensor -> one sentence.
-
-    Raises
-    ------
-    TactileError
-        If the port is taken.
+    With `control` pages may ask for a tare, which calls `tare` (name of a sensor -> one sentence)
+    once it is set. Raises TactileError, which names the option of the port, if it is taken.
     """
 
-    def __init__(self, port: int, *, control: bool = False) -> None:
+    def __init__(self, port: int, *, control: bool = False, option: str = '--port') -> None:
         self.control = control
         self.tare: Callable[[str], str] | None = None
         self._shown: dict[str, Shown] = {}
@@ -200,7 +186,7 @@ class PageServer(Closing):
             self._server = Server((HOST, port), Handler)
         except (OSError, OverflowError) as error:
             why = getattr(error, 'strerror', error)
-            msg = f'port {port} cannot be served: {why}; --port 0 takes any free one'
+            msg = f'port {port} cannot be served: {why}; {option} 0 takes any free one'
             raise TactileError(msg) from error
         self._server.page = self
         self.port: int = self._server.server_address[1]

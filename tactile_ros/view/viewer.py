@@ -321,21 +321,10 @@ class Seen:
 
 
 class Viewer(Closing):
-    """Show what one or more sensors say.
+    """Show what sensors say, by a server at a port (0: any; None: no server) and in a file (MCAP).
 
-    Parameters
-    ----------
-    port : int or None
-        Of the server; 0: any free one; None: no server.
-    file : Path or None
-        MCAP file that Foxglove opens later.
-
-    Raises
-    ------
-    MissingPackageError
-        If foxglove-sdk is not installed.
-    TactileError
-        If the port is taken or the file exists.
+    Raises MissingPackageError if foxglove-sdk is not installed, TactileError if the port is taken
+    or the file exists.
     """
 
     def __init__(self, port: int | None, file: Path | None = None) -> None:

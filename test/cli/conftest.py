@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from benchmarks.replay import Messages
-from tactile_ros.evaluation.bag import BagWriter
+from reference import made_bags as make
 from tactile_ros.evaluation.recording_files import save_recording
 from tactile_ros.sensors import load_sensor
-from tactile_ros.types import Frame
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -44,16 +42,11 @@ def board_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def bag(tmp_path: Path) -> Path:
     """Bag of one sensor with three frames lost, and of a topic whose name colours terminals."""
-    path = tmp_path / 'bag'
-    recording = load_sensor('reskin_board').recordings()['spatial'].select(slice(0, 20))
-    messages = Messages(recording)
-    layout = messages.layout()
-    with BagWriter(path) as writer:
-        writer.write('/finger/layout', layout.__msgtype__, 1, messages.cdr(layout), True)
+    values = load_sensor('reskin_board').recordings()['spatial'].values
+    with make.Bag(tmp_path / 'bag') as writer:
+        writer.put('/finger/layout', make.layout(), 1, latched=True)
         for row in (k for k in range(20) if k not in (5, 6, 11)):
             stamp = 10_000_000 * (row + 1)
-            frame = messages.frame(Frame(stamp, row, recording.values[row]))
-            writer.write('/finger/frame', frame.__msgtype__, stamp, messages.cdr(frame))
-        text = messages.new('std_msgs/msg/String')
-        writer.write('/\x1b[31mred', text.__msgtype__, 1, messages.cdr(text))
-    return path
+            writer.put('/finger/frame', make.frame(row, values[row], stamp), stamp)
+        writer.put('/\x1b[31mred', make.new('String'), 1)
+    return tmp_path / 'bag'

@@ -30,22 +30,11 @@ def test_without_benches_the_other_commands_work(
         assert 'the benches are not installed; run `tactile' in said
 
 
-def test_benches_side_by_side_tell_the_first_failure(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    options = argparse.Namespace(jobs=2, figures=None)
-    assert bench._side_by_side(['no_such', 'none'], 'quick', tmp_path, options) == 2
-    printed = capfd.readouterr()
-    assert "received 'no_such'" in printed.err
-    assert "received 'none'" in printed.err
-    assert '2 benches ran at a time' in printed.out
-
-
-def test_latency_is_measured_after_the_others(
+def test_benches_side_by_side_measure_latency_last_and_tell_a_failure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def run(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
-        return subprocess.CompletedProcess(command, 0, f'{command[4]}\n')
+        return subprocess.CompletedProcess(command, 3 * (command[4] == 'roads'), f'{command[4]}\n')
 
     monkeypatch.setattr(bench.subprocess, 'run', run)
     options = argparse.Namespace(jobs=1, figures=None)
@@ -54,7 +43,7 @@ def test_latency_is_measured_after_the_others(
         ('normal', ['reskin', 'fidelity', 'roads', 'latency']),
         ('quick', ['reskin', 'fidelity', 'latency', 'roads']),
     ):
-        assert bench._side_by_side(chosen, extent, tmp_path, options) == 0
+        assert bench._side_by_side(chosen, extent, tmp_path, options) == 3  # the first failure's
         assert capsys.readouterr().out.split('\n')[:4] == order
 
 

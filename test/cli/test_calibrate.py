@@ -12,7 +12,6 @@ import pytest
 
 from tactile_ros.cli.calibrate import sentences
 from tactile_ros.cli.main import main
-from tactile_ros.enrolment import thinned
 from tactile_ros.evaluation.recording_files import load_recording, save_recording
 from tactile_ros.sensors import load_sensor
 
@@ -77,23 +76,6 @@ def test_sentences_name_models_terms_and_what_was_not_told() -> None:
         'not told: temperature',
         'found: change of the field at rest; per degree -0.0012, sigma 0.00036',
     ]
-
-
-def test_calibrate_and_replay_name_the_model(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    spec = load_sensor('gradiometer')
-    presses, out, page = (tmp_path / name for name in ('presses.npz', 'c.npz', 'r.html'))
-    save_recording(thinned(spec.presses(spec.config(), 1, 12), 50.0), presses)
-    command = ['calibrate', 'gradiometer', str(presses), '-o', str(out), '--json']
-    assert main([*command, '--estimator', 'inversion']) == 0
-    printed = capsys.readouterr()
-    assert 'model: cubic table' in printed.err
-    assert 'term: uniform stray field; estimated it widens errors 1.' in printed.err
-    assert 'not told: force beyond' in printed.err
-    assert {row['target'].split('_')[0] for row in json.loads(printed.out)} >= {'force'}
-    assert main(['replay', str(presses), '--calibration', str(out), '--report', str(page)]) == 0
-    assert 'model: cubic table' in page.read_text()
 
 
 def test_files_of_others_are_replaced_on_request_alone(

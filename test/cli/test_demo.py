@@ -80,9 +80,9 @@ def apart(said: str) -> float:
     return float(found)
 
 
-# two processes, one, two behind a bus of chips, and objects that are recognised
+# objects that are recognised are in the second
 @pytest.mark.ros
-@pytest.mark.parametrize('sensor', ['five_wire_skin', 'gradiometer', 'magnet_pad', 'taxel_array'])
+@pytest.mark.parametrize('sensor', ['five_wire_skin', 'taxel_array'])
 def test_a_twin_goes_through_the_real_graph(
     sensor: str, tmp_path: Path, capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,

@@ -12,18 +12,20 @@ import numpy as np
 import pytest
 
 from tactile_ros.cli import guided
-from tactile_ros.cli.guided import Folder, Scale, SimulatedPresses, Weights, read_plan
+from tactile_ros.cli.guided import Folder, Judge, Scale, SimulatedPresses, Weights, read_plan
 from tactile_ros.cli.main import main
 from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.fleet import open_calibration
-from tactile_ros.evaluation.guided import Phase
+from tactile_ros.evaluation.guided import Phase, PressGuide, Target
 from tactile_ros.evaluation.recording_files import load, load_recording
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Layout, Recording
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from tactile_ros.pipeline import Pipeline
 
 LAYOUT = Layout(np.zeros((2, 3)), ('output',), '1')
 COMMAND = [
@@ -74,7 +76,7 @@ def test_live_goes_on_after_an_interrupt_and_writes_everything(
     np.testing.assert_array_equal(bag.recording.values, presses.values)
     assert 'places held out' in (home / 'my' / 'report.html').read_text()
     # another session does not take its place
-    assert main([*COMMAND, '--truth', 'weights:50']) == 1
+    assert main([*COMMAND, '--hold', '0.3']) == 1
     assert 'a session with other options' in capsys.readouterr().err
 
 
@@ -96,6 +98,8 @@ def test_live_goes_on_after_an_interrupt_and_writes_everything(
         (['--live', '--sensor', 'reskin_board', '--goal-mm', 'nan', '-o', 'a.npz'], '--goal-mm'),
         (['--live', '--sensor', 'reskin_board', '--page', '99999', '-o', 'a.npz'], '--page'),
         (['--live', '--sensor', 'reskin_board', '--plan', 'no.csv', '-o', 'a.npz'], 'need --port'),
+        (['--live', '--sensor', 'reskin_board', '--truth', 'weights:5', '-o', 'a.npz'],
+         '--truth, --plan and --pose need --port'),
     ],
 )  # fmt: skip
 def test_live_refuses_what_it_cannot_do(
@@ -198,3 +202,19 @@ def test_simulated_presses_follow_the_guide(key: str) -> None:
     np.testing.assert_array_equal(force, np.nan_to_num(recording.truth['force'][presses.peaks[1]]))
     presses.follow(Phase.RELEASE, 1)
     np.testing.assert_array_equal(presses.signal(0.0), rest)
+
+
+def test_judge_says_at_once_why_it_finds_nothing() -> None:
+    def fails() -> Pipeline:
+        msg = 'no truth'
+        raise ValueError(msg)
+
+    board, truth = Layout(np.eye(3)[:2], ('output',), '1', rate_hz=100.0), np.zeros((2, 3))
+    press = Recording.from_arrays(board, np.zeros((2, 2, 1)), truth={'position': truth})
+    targets = [Target(np.zeros(3)), Target(np.full(3, 1e-3))]
+    judge = Judge(fails)
+    judge.begin(PressGuide(board, targets, presses=[(0, press), (1, press)]))
+    end = time.monotonic() + 60
+    while judge.busy and time.monotonic() < end:
+        pass
+    assert (judge.failure, judge.found, judge.of) == ('no truth', None, 2)

@@ -71,9 +71,8 @@ def test_the_report_and_its_pictures_come_from_the_same_run(
     assert 'ridge, b' in text
     assert f'>{figure_text(first["place mean (mm)"])}<' in text
     assert 'Left out: missing does not exist' in text
-    assert drawn[:2] == [
-        'part_0_npz_where_on_the_pad_it_errs.png', 'part_0_npz_how_far_off_the_place_is.png'
-    ]  # fmt: skip
+    names = ('is_something_touching', 'where_on_the_pad_it_errs', 'how_far_off_the_place_is')
+    assert drawn[:3] == [f'part_0_npz_{name}.png' for name in names]
 
 
 def test_the_installed_command_works_in_processes(tmp_path: Path) -> None:

@@ -10,7 +10,6 @@ import struct
 import subprocess
 import sys
 import textwrap
-from collections import namedtuple
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
@@ -23,49 +22,31 @@ from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from reference import made_bags as make
+from reference.made_bags import read_all
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import bag as bags
 from tactile_ros.evaluation.bag import (
-    BagContent,
     BagWriter,
     message_folder,
-    read_bag,
     records,
     schema_text,
     type_hash,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    pass
 
-    WriteBag = Callable[..., Path]
 
 STRING = 'std_msgs/msg/String'
-
-
-Message = namedtuple('Message', 'topic type_name log_ns data')
-
-
-def read_all(path: Path) -> SimpleNamespace:
-    """Every message of a bag, and what is said about it."""
-    content, messages = BagContent(), []
-
-    def taker(topic: str, kind: str) -> Callable[[int, bytes], None]:
-        return lambda log_ns, data: messages.append(Message(topic, kind, log_ns, data))
-
-    for _ in read_bag(path, content, taker):
-        pass
-    return SimpleNamespace(messages=messages, **vars(content))
 
 
 def open_by_rosbags(path: Path) -> object:
     return AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
 
 
-def test_closed_bag_is_read_by_rosbags_by_mcap_and_by_its_metadata(
-    write_bag: WriteBag, tmp_path: Path
-) -> None:
-    path = write_bag(tmp_path / 'bag')
+def test_closed_bag_is_read_by_rosbags_by_mcap_and_by_its_metadata(tmp_path: Path) -> None:
+    path = make.write_bag(tmp_path / 'bag')
     with open_by_rosbags(path) as reader:
         kinds = {c.topic: c for c in reader.connections}
         assert reader.message_count == 153
@@ -123,7 +104,7 @@ def test_a_killed_process_leaves_a_bag_that_others_read(tmp_path: Path) -> None:
         assert sum(1 for _ in reader.messages()) == content.counts['/text']
 
 
-def test_an_interrupted_write_is_written_over(tmp_path: Path, make: SimpleNamespace) -> None:
+def test_an_interrupted_write_is_written_over(tmp_path: Path) -> None:
     text = make.cdr(make.new('String', data='x' * 1000))
     bag = BagWriter(tmp_path / 'bag')
     bag.write('/text', STRING, 1, text)
@@ -146,10 +127,8 @@ def test_an_interrupted_write_is_written_over(tmp_path: Path, make: SimpleNamesp
     assert content.problems == []
 
 
-def test_bytes_hit_anywhere_never_raise_and_never_change_what_comes_out(
-    write_bag: WriteBag, tmp_path: Path
-) -> None:
-    path = write_bag(tmp_path / 'bag', n=30)
+def test_bytes_hit_anywhere_never_raise_and_never_change_what_comes_out(tmp_path: Path) -> None:
+    path = make.write_bag(tmp_path / 'bag', n=30)
     data = (path / 'bag_0.mcap').read_bytes()
     whole = set(read_all(path).messages)
     topics = {(m.topic, m.type_name) for m in whole}
@@ -165,9 +144,7 @@ def test_bytes_hit_anywhere_never_raise_and_never_change_what_comes_out(
         assert {m.data for m in known} <= {m.data for m in whole}
 
 
-def test_a_damaged_chunk_is_left_out_and_the_rest_is_read(
-    tmp_path: Path, make: SimpleNamespace
-) -> None:
+def test_a_damaged_chunk_is_left_out_and_the_rest_is_read(tmp_path: Path) -> None:
     text = make.cdr(make.new('String', data='x'))
     with BagWriter(tmp_path / 'bag') as bag:
         for k in range(30):
@@ -191,9 +168,7 @@ def test_a_damaged_chunk_is_left_out_and_the_rest_is_read(
 
 
 @pytest.mark.parametrize('compression', ['ZSTD', 'LZ4'])
-def test_compressed_chunks_are_read_also_when_cut(
-    tmp_path: Path, make: SimpleNamespace, compression: str
-) -> None:
+def test_compressed_chunks_are_read_also_when_cut(tmp_path: Path, compression: str) -> None:
     file = tmp_path / 'bag.mcap'
     with file.open('wb') as opened:
         writer = Writer(opened, chunk_size=4000, compression=CompressionType[compression])
@@ -224,9 +199,7 @@ def test_a_chunk_that_claims_too_much_is_named_and_skipped(tmp_path: Path) -> No
     assert any('claims 1099511627776 bytes' in problem for problem in content.problems)
 
 
-def test_sqlite3_bags_are_read_and_a_damaged_one_as_far_as_it_goes(
-    tmp_path: Path, make: SimpleNamespace
-) -> None:
+def test_sqlite3_bags_are_read_and_a_damaged_one_as_far_as_it_goes(tmp_path: Path) -> None:
     text = make.cdr(make.new('String', data='x' * 300))
     file = tmp_path / 'bag' / 'bag_0.db3'
     file.parent.mkdir()
@@ -252,7 +225,7 @@ def test_sqlite3_bags_are_read_and_a_damaged_one_as_far_as_it_goes(
 
 
 def test_wrong_files_folders_and_types_are_named_and_nothing_is_written_over(
-    tmp_path: Path, write_bag: WriteBag
+    tmp_path: Path,
 ) -> None:
     with pytest.raises(RecordingError, match='holds no bag'):
         read_all(tmp_path)
@@ -260,7 +233,7 @@ def test_wrong_files_folders_and_types_are_named_and_nothing_is_written_over(
     other.write_text('hello')
     with pytest.raises(RecordingError, match='is no bag'):
         read_all(other)
-    path = write_bag(tmp_path / 'bag', n=3)
+    path = make.write_bag(tmp_path / 'bag', n=3)
     os.mkfifo(path / 'pipe.db3')
     assert 'pipe.db3 is no file' in read_all(path).problems
     (path / 'bag_0.mcap').rename(path / 'other.mcap')

@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import shutil
 import sqlite3
-from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,54 +19,39 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from reference import made_bags as make
+from reference.made_bags import read_all
 from tactile_ros.errors import RecordingError, TactileError
-from tactile_ros.evaluation.bag import BagContent, BagWriter, read_bag
+from tactile_ros.evaluation.bag import BagWriter
 from tactile_ros.evaluation.bag_check import BagCheck, check_bag, repair_bag
 from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
-    WriteBag = Callable[..., Path]
 
 STEP_NS = 10_000_000
 START_NS = 1_000_000_000
 OWN = 'other_msgs/msg/Pair'
-CUTS = int(os.environ.get('TACTILE_BAG_CUTS', '250'))
-
-
-def messages_of(path: Path) -> tuple[list[tuple[str, int, bytes]], BagContent]:
-    """Topic, log time and data of every message of a bag."""
-    content, found = BagContent(), []
-    for _ in read_bag(path, content, lambda t, _: lambda ns, data: found.append((t, ns, data))):
-        pass
-    return found, content
+CUTS = int(os.environ.get('TACTILE_BAG_CUTS', '100'))
 
 
 def frames_of(
-    check_of: SimpleNamespace, rows: list[tuple[int, int]], values: np.ndarray | None = None
+    path: Path, rows: list[tuple[int, int]], values: np.ndarray | None = None
 ) -> BagCheck:
     """Check of a bag with frames of such sequence and time (steps)."""
     rng = np.random.default_rng(1)
-    with check_of.open_bag(check_of.path) as bag:
-        bag.put('/finger/layout', check_of.make.layout(), START_NS, latched=True)
+    with make.Bag(path) as bag:
+        bag.put('/finger/layout', make.layout(), START_NS, latched=True)
         for k, (sequence, step) in enumerate(rows):
             given = rng.normal(0.0, 1e-5, 15) if values is None else values[k]
             stamp = START_NS + step * STEP_NS
-            bag.put('/finger/frame', check_of.make.frame(sequence, given, stamp), stamp)
-    return check_bag(check_of.path)
+            bag.put('/finger/frame', make.frame(sequence, given, stamp), stamp)
+    return check_bag(path)
 
 
-@pytest.fixture
-def made(open_bag: object, make: object, tmp_path: Path) -> SimpleNamespace:
-    return SimpleNamespace(open_bag=open_bag, make=make, path=tmp_path / 'made')
-
-
-def test_check_of_a_whole_bag_finds_topics_and_nothing_wrong(
-    write_bag: WriteBag, tmp_path: Path
-) -> None:
-    check = check_bag(write_bag(tmp_path / 'bag'))
+def test_check_of_a_whole_bag_finds_topics_and_nothing_wrong(tmp_path: Path) -> None:
+    check = check_bag(make.write_bag(tmp_path / 'bag'))
     assert check.damage == check.left_out == check.unused == ()
     frame = check.topics['/frame']
     assert (frame.messages, frame.schema) == (50, 'as here')
@@ -82,83 +66,79 @@ def test_check_of_a_whole_bag_finds_topics_and_nothing_wrong(
     assert (one.dead, one.problems) == ({}, ())
 
 
-def test_check_counts_gaps_repeats_restarts_and_jumps_of_stamps(made: SimpleNamespace) -> None:
+def test_check_counts_gaps_repeats_restarts_and_jumps_of_stamps(tmp_path: Path) -> None:
     rows = [(k, k) for k in range(20)]
     rows[10:12] = []  # two frames lost
     rows += [(19, 19), *((k, k + 7) for k in range(20, 30)), *((k, k + 40) for k in range(10))]
     rows += [(10, 45), (11, 51)]  # the clock goes back, and forth again
-    one = frames_of(made, rows).sensors['/finger']
+    one = frames_of(tmp_path / 'made', rows).sensors['/finger']
     assert one.lost.tolist() == [2]
     assert (one.frames, one.repeats, one.restarts) == (len(rows), 1, 1)
     assert one.jumps.tolist() == pytest.approx([0.07, -0.05, 0.05])
 
 
-def test_check_names_dead_taxels_unless_all_readings_are_coarse(made: SimpleNamespace) -> None:
+def test_check_names_dead_taxels_unless_all_readings_are_coarse(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     values = rng.normal(0.0, 1e-5, (60, 5, 3))
     values[:, 1] = 3e-5  # stands still
     values[:, 2] = np.nan
     values[:40, 3] = 0.0  # no chip reads that
     rows = [(k, k) for k in range(60)]
-    assert frames_of(made, rows, values).sensors['/finger'].dead == pytest.approx(
+    assert frames_of(tmp_path / 'made', rows, values).sensors['/finger'].dead == pytest.approx(
         {1: 1.0, 2: 1.0, 3: 2 / 3}
     )
-    made.path = made.path.with_name('coarse')
     still = np.full((60, 5, 3), 3e-5)
-    assert frames_of(made, rows, still).sensors['/finger'].dead == {}
+    assert frames_of(tmp_path / 'coarse', rows, still).sensors['/finger'].dead == {}
 
 
-def test_check_of_a_type_of_another_version_names_it(made: SimpleNamespace) -> None:
-    with BagWriter(made.path) as bag:
+def test_check_of_a_type_of_another_version_names_it(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'made') as bag:
         kind = 'tactile_ros/msg/TactileFrame'
         bag.add_topic('/frame', kind, text='uint8 other\n')
-        bag.write('/frame', kind, 1, made.make.cdr(made.make.new('String', data='x')))
+        bag.write('/frame', kind, 1, make.cdr(make.new('String', data='x')))
         bag.add_topic('/odd', 'tactile_ros/msg/../../Odd', text='uint8 other\n')
         bag.write('/odd', 'tactile_ros/msg/../../Odd', 1, b'')
-    check = check_bag(made.path)
+    check = check_bag(tmp_path / 'made')
     assert check.topics['/frame'].schema == 'another version'
     assert check.topics['/odd'].schema == 'another version'
     assert 'of another version; left out' in check.damage[0]
 
 
-def test_a_message_later_than_any_clock_is_left_out(made: SimpleNamespace) -> None:
-    with made.open_bag(made.path) as bag:
-        bag.put('/layout', made.make.layout())
+def test_a_message_later_than_any_clock_is_left_out(tmp_path: Path) -> None:
+    with make.Bag(tmp_path / 'made') as bag:
+        bag.put('/layout', make.layout())
         for log_ns in (START_NS, 1 << 63):
-            bag.put('/frame', made.make.frame(0, np.zeros(15), START_NS), log_ns)
-    check = check_bag(made.path)
+            bag.put('/frame', make.frame(0, np.zeros(15), START_NS), log_ns)
+    check = check_bag(tmp_path / 'made')
     assert check.sensors[''].frames == 1
     assert 'at times that no clock shows (1 records left out)' in check.damage[0]
 
 
-def test_repair_of_a_bag_cut_at_any_byte_is_a_closed_bag_that_others_read(
-    made: SimpleNamespace, tmp_path: Path
-) -> None:
+def test_repair_of_a_bag_cut_at_any_byte_is_a_closed_bag_that_others_read(tmp_path: Path) -> None:
     real = load_sensor('reskin_board').recordings()['spatial'].values
-    with made.open_bag(made.path) as bag:
-        bag.put('/finger/layout', made.make.layout(), START_NS, latched=True)
+    with make.Bag(tmp_path / 'made') as bag:
+        bag.put('/finger/layout', make.layout(), START_NS, latched=True)
         for k in range(12):
             stamp = START_NS + k * STEP_NS
-            bag.put('/finger/frame', made.make.frame(k, real[k], stamp), stamp)
+            bag.put('/finger/frame', make.frame(k, real[k], stamp), stamp)
             if k % 3 == 2:
                 bag.flush()
-    data = (made.path / 'made_0.mcap').read_bytes()
-    whole, _ = messages_of(made.path)
+    data = (tmp_path / 'made' / 'made_0.mcap').read_bytes()
+    whole = read_all(tmp_path / 'made').messages
     torn, out, opened, counts = tmp_path / 'torn.mcap', tmp_path / 'out', set(), []
-    sizes = np.random.default_rng(1).integers(0, len(data), CUTS)
-    for size in np.sort(sizes).tolist():
+    for size in np.linspace(0, len(data) - 1, CUTS).astype(int).tolist():
         torn.write_bytes(data[:size])
         try:
             counts.append(repair_bag(torn, out).counts.total())
         except RecordingError:  # nothing could be saved
-            assert sorted(tmp_path.iterdir()) == [made.path, torn]
+            assert sorted(tmp_path.iterdir()) == [tmp_path / 'made', torn]
             counts.append(0)
             continue
         saved = (out / 'out_0.mcap').read_bytes(), (out / 'metadata.yaml').read_bytes()
         if saved not in opened:  # the same files are read alike
             opened.add(saved)
-            found, content = messages_of(out)
-            assert (found, content.problems) == (whole[: counts[-1]], [])
+            found = read_all(out)
+            assert (found.messages, found.problems) == (whole[: counts[-1]], [])
             assert others_count(out) == (counts[-1], counts[-1])
         shutil.rmtree(out)
     assert counts == sorted(counts)  # a longer file saves no less
@@ -178,7 +158,7 @@ def others_count(path: Path) -> tuple[int, int]:
 
 @pytest.mark.parametrize('plugin', [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
 def test_repair_keeps_definitions_of_others_and_latched_topics(
-    plugin: StoragePlugin, make: SimpleNamespace, open_bag: Callable[..., object], tmp_path: Path
+    plugin: StoragePlugin, tmp_path: Path
 ) -> None:
     types = get_typestore(Stores.ROS2_HUMBLE)
     types.register(get_types_from_msg('float64 one\nfloat64 two\n', OWN))
@@ -193,22 +173,20 @@ def test_repair_keeps_definitions_of_others_and_latched_topics(
     with AnyReader([tmp_path / 'saved']) as reader:
         ((connection, _, data), _) = reader.messages()
         assert reader.deserialize(data, connection.msgtype).two == 2.0
-    with open_bag(tmp_path / 'ours') as bag:
+    with make.Bag(tmp_path / 'ours') as bag:
         bag.put('/text', make.new('String', data='x'), 1, latched=True)
     repair_bag(tmp_path / 'ours', tmp_path / 'again')
-    assert messages_of(tmp_path / 'again')[1].latched == {'/text'}
+    assert read_all(tmp_path / 'again').latched == {'/text'}
 
 
-def test_repair_leaves_out_types_that_nobody_defines(
-    made: SimpleNamespace, tmp_path: Path
-) -> None:
+def test_repair_leaves_out_types_that_nobody_defines(tmp_path: Path) -> None:
     file = tmp_path / 'bag.db3'
     with sqlite3.connect(file) as base:
         base.execute('CREATE TABLE topics(id INTEGER, name TEXT, type TEXT)')
         base.execute('CREATE TABLE messages(id, topic_id, timestamp, data)')
         base.execute('INSERT INTO topics VALUES (1, "/a", "no_msgs/msg/None"), (2, "/b", ?)',
                      ('std_msgs/msg/String',))  # fmt: skip
-        text = made.make.cdr(made.make.new('String', data='x'))
+        text = make.cdr(make.new('String', data='x'))
         base.executemany('INSERT INTO messages VALUES (?, ?, ?, ?)',
                          [(1, 1, 1, b'x'), (2, 2, -5, text)])  # fmt: skip
     base.close()
@@ -217,8 +195,8 @@ def test_repair_leaves_out_types_that_nobody_defines(
     assert '/a was left out: no definition of message type' in saved.problems[-1]
 
 
-def test_repair_writes_over_nothing(write_bag: WriteBag, tmp_path: Path) -> None:
-    path = write_bag(tmp_path / 'bag', n=3)
+def test_repair_writes_over_nothing(tmp_path: Path) -> None:
+    path = make.write_bag(tmp_path / 'bag', n=3)
     taken = tmp_path / 'taken'
     taken.mkdir()
     (tmp_path / 'link').symlink_to(tmp_path / 'nowhere')

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from reference import made_bags as make
 from tactile_ros import messages as live
+from tactile_ros.evaluation.bag import all_types
 from tactile_ros.evaluation.cdr_columns import (
     MessageLayout,
     UnlikeError,
@@ -21,14 +23,14 @@ from tactile_ros.evaluation.cdr_columns import (
 from tactile_ros.evaluation.truth import STANDARD
 
 if TYPE_CHECKING:
-    from types import SimpleNamespace
+    pass
 
 TAXELS = 5
 CONTACTS = 'tactile_ros/msg/TactileContacts'
 FRAME = 'tactile_ros/msg/TactileFrame'
 
 
-def contacts(make: SimpleNamespace, seed: int) -> object:
+def contacts(seed: int) -> object:
     """Contacts with any number of patches, per-taxel lists present or not, and any numbers."""
     rng = np.random.default_rng(seed)
     message = make.contacts(seed, 1_000_000_000 + 7 * seed, rng.normal(size=3), rng.normal(size=3))
@@ -44,8 +46,8 @@ def contacts(make: SimpleNamespace, seed: int) -> object:
     return message
 
 
-def test_contacts_are_those_of_rosbags(make: SimpleNamespace) -> None:
-    messages = [contacts(make, seed) for seed in range(60)]
+def test_contacts_are_those_of_rosbags() -> None:
+    messages = [contacts(seed) for seed in range(60)]
     found = read_contacts([make.cdr(m) for m in messages], TAXELS)
     slow = live.read_contacts(messages, TAXELS)
     assert found.rows.tolist() == list(range(60))
@@ -54,7 +56,7 @@ def test_contacts_are_those_of_rosbags(make: SimpleNamespace) -> None:
         np.testing.assert_array_equal(column, slow[name], name)
 
 
-def frames(make: SimpleNamespace, count: int) -> list[object]:
+def frames(count: int) -> list[object]:
     rng = np.random.default_rng(2)
     found = []
     for k in range(count):
@@ -66,8 +68,8 @@ def frames(make: SimpleNamespace, count: int) -> list[object]:
     return found
 
 
-def test_frames_are_those_of_rosbags(make: SimpleNamespace) -> None:
-    messages = frames(make, 70)
+def test_frames_are_those_of_rosbags() -> None:
+    messages = frames(70)
     found = read_frames([make.cdr(m) for m in messages], (TAXELS, 3))
     for k, message in enumerate(messages):
         slow = live.read_frame(message, (TAXELS, 3))
@@ -80,8 +82,8 @@ def test_frames_are_those_of_rosbags(make: SimpleNamespace) -> None:
         np.testing.assert_array_equal(found.arrays['status'][k], bits)
 
 
-def test_what_is_cut_or_of_another_board_is_counted(make: SimpleNamespace) -> None:
-    whole = [make.cdr(m) for m in frames(make, 8)]
+def test_what_is_cut_or_of_another_board_is_counted() -> None:
+    whole = [make.cdr(m) for m in frames(8)]
     other = make.cdr(make.frame(9, np.zeros(6), 5))
     found = read_frames([whole[0], whole[1][:-30], b'', other, *whole[2:]], (TAXELS, 3))
     assert found.rows.tolist() == [0, 4, 5, 6, 7, 8, 9]
@@ -89,17 +91,17 @@ def test_what_is_cut_or_of_another_board_is_counted(make: SimpleNamespace) -> No
     assert (found.damaged, found.misfits) == (2, 1)
 
 
-def test_big_endian_messages_go_through_rosbags(make: SimpleNamespace) -> None:
-    (message,) = frames(make, 1)
-    data = bytes(make.store.serialize_cdr(message, FRAME, little_endian=False))
+def test_big_endian_messages_go_through_rosbags() -> None:
+    (message,) = frames(1)
+    data = bytes(all_types().serialize_cdr(message, FRAME, little_endian=False))
     with pytest.raises(UnlikeError):
         MessageLayout(data, FRAME)
     found = read_frames([data], (TAXELS, 3))
     np.testing.assert_array_equal(found.arrays['values'][0].ravel(), message.values)
 
 
-def test_a_length_that_cannot_be_is_refused_and_not_believed(make: SimpleNamespace) -> None:
-    data = bytearray(make.cdr(contacts(make, 0)))
+def test_a_length_that_cannot_be_is_refused_and_not_believed() -> None:
+    data = bytearray(make.cdr(contacts(0)))
     at = MessageLayout(bytes(data), CONTACTS).lengths[2]  # of the list of patches
     data[at : at + 4] = b'\xff\xff\xff\x7f'
     with pytest.raises(UnlikeError):
@@ -107,7 +109,7 @@ def test_a_length_that_cannot_be_is_refused_and_not_believed(make: SimpleNamespa
     assert read_columns([bytes(data)], CONTACTS) == ([], 1)
 
 
-def test_load_cells_probes_and_texts(make: SimpleNamespace) -> None:
+def test_load_cells_probes_and_texts() -> None:
     wrench = make.wrench(123456789012, (1, 2, 3), (4, 5, 6))
     kind = 'geometry_msgs/msg/WrenchStamped'
     told = read_rows([make.cdr(wrench)] * 2, kind, STANDARD[kind])

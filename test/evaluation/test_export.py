@@ -11,22 +11,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from reference import made_bags as make
 from tactile_ros.errors import MissingPackageError, RecordingError, TactileError
 from tactile_ros.evaluation import export
 from tactile_ros.evaluation.export import CsvFile, ParquetFile, plain_name, write_tables
 from tactile_ros.evaluation.recording_files import load
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
     from types import SimpleNamespace
 
-    WriteBag = Callable[..., Path]
-
 
 @pytest.fixture
-def bag(write_bag: WriteBag, tmp_path: Path) -> Path:
-    return write_bag(tmp_path / 'bag', n=40, lost=(7, 8))
+def bag(tmp_path: Path) -> Path:
+    return make.write_bag(tmp_path / 'bag', n=40, lost=(7, 8))
 
 
 def test_tables_of_frames_and_contacts_are_the_recording_of_the_bag(
@@ -95,10 +93,10 @@ def test_newtons_of_taxels_are_written_where_a_calibration_gives_them(
 
 
 def test_nothing_is_written_over_or_left_behind(
-    bag: Path, make: SimpleNamespace, open_bag: Callable[..., object], tmp_path: Path,
+    bag: Path, tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
-    with open_bag(tmp_path / 'empty') as empty:
+    with make.Bag(tmp_path / 'empty') as empty:
         empty.put('/text', make.new('String', data='x'))
     with pytest.raises(TactileError, match='exists already'):
         write_tables([bag], bag, CsvFile, [])
@@ -110,10 +108,8 @@ def test_nothing_is_written_over_or_left_behind(
     assert sorted(path.name for path in tmp_path.iterdir()) == ['bag', 'empty']
 
 
-def test_names_of_hostile_topics_stay_in_the_folder(
-    make: SimpleNamespace, open_bag: Callable[..., object], tmp_path: Path
-) -> None:
-    with open_bag(tmp_path / 'bag') as hostile:
+def test_names_of_hostile_topics_stay_in_the_folder(tmp_path: Path) -> None:
+    with make.Bag(tmp_path / 'bag') as hostile:
         hostile.put('/../../up/layout', make.layout())
         hostile.put('/../../up/frame', make.frame(0, np.zeros(15), 1))
     write_tables([tmp_path / 'bag'], tmp_path / 'in' / 'out', CsvFile, [])

@@ -15,10 +15,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from reference import made_bags as make
 from tactile_ros.evaluation import fleet, recording_files
 from tactile_ros.evaluation.fleet import (
     Job,
     Outcome,
+    add_first_tare,
     evaluate,
     evaluate_bag,
     pooled,
@@ -26,6 +28,7 @@ from tactile_ros.evaluation.fleet import (
     run_jobs,
     save,
     table,
+    with_first_tare,
 )
 from tactile_ros.evaluation.metrics import ROWS, frames_dropped
 from tactile_ros.evaluation.recording_files import ClassesChangedError, load, save_recording
@@ -36,22 +39,21 @@ from tactile_ros.types import Frame
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
-    from types import SimpleNamespace
 
     from tactile_ros.evaluation.report import Dataset
     from tactile_ros.pipeline import Pipeline
 
 
 @pytest.fixture(scope='module')
-def folder(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> Path:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two calibrations, two bags, a file, and what is no recording."""
     place = tmp_path_factory.mktemp('fleet')
     spec = load_sensor('reskin_board')
     spatial = spec.recordings()['spatial'].select(slice(0, 900))
     spec.pipeline(estimator='ridge').fit(spatial).save(place / 'a.npz')
     spec.pipeline(estimator='ridge').fit(spatial.select(slice(0, 500))).save(place / 'b.npz')
-    write_bag(place / 'one', n=40)
-    write_bag(place / 'two', n=30, lost=(4, 5))
+    make.write_bag(place / 'one', n=40)
+    make.write_bag(place / 'two', n=30, lost=(4, 5))
     save_recording(spatial.select(slice(0, 200)), place / 'rows.npz')
     save_recording(spatial.select(slice(300, 400)), place / 'more.npz')
     (place / 'broken').mkdir()
@@ -157,10 +159,7 @@ def pipeline() -> Pipeline:
 
 
 @pytest.fixture(scope='module')
-def bag(
-    tmp_path_factory: pytest.TempPathFactory, make: SimpleNamespace, open_bag: Callable,
-    record_live: Callable[..., None], pipeline: Pipeline,
-) -> Path:  # fmt: skip
+def bag(tmp_path_factory: pytest.TempPathFactory, pipeline: Pipeline) -> Path:
     """A live run with all that happens: tares, lost and unseen frames, a restart, three truths."""
     spatial, rng = load_sensor('reskin_board').recordings()['spatial'], np.random.default_rng(5)
     touch = [k // 11 * 2 + (k % 11 >= 8) for k in range(FRAMES)]
@@ -182,7 +181,7 @@ def bag(
 
     path = tmp_path_factory.mktemp('bags') / 'live'
     tares, unseen, lost = range(5, FRAMES, 33), range(39, FRAMES, 40), range(49, FRAMES, 50)
-    record_live(open_bag(path), copy(pipeline), frames, tares, unseen, lost, truth)
+    make.record(path, copy(pipeline), frames, tares, unseen, lost, truth)
     return path
 
 
@@ -237,12 +236,25 @@ def test_pieces_of_any_length_are_the_bag_in_memory(
     assert told in whole.problems  # its frames are an hour ahead of the recorder
 
 
+def test_a_run_is_also_judged_after_its_first_tare_alone(bag: Path, pipeline: Pipeline) -> None:
+    both = add_first_tare(judged(bag, pipeline), judged(bag, pipeline, untared=True))
+    (answer,) = both.answers
+    tared, untared = (one.target('position').spread for one in (answer, answer.untared))
+    assert tared.count > 50
+    assert untared.mean != tared.mean
+    assert answer.untared.agreement is None
+    assert answer.contact is not None  # truth says in_contact
+    (loaded,) = load(bag, None, TRUTH).recordings
+    whole = evaluate(with_first_tare(loaded), {'c': copy(pipeline)}).answers[0]
+    assert whole.target('position').spread.mean == pytest.approx(untared.mean, rel=1e-9)
+
+
 def test_contacts_without_a_frame_are_counted_once(
-    make: SimpleNamespace, open_bag: Callable, pipeline: Pipeline, tmp_path: Path,
+    pipeline: Pipeline, tmp_path: Path,
     in_pieces: Callable[[int, int], None],
 ) -> None:  # fmt: skip
     path = tmp_path / 'bag'
-    with open_bag(path) as bag:
+    with make.Bag(path) as bag:
         bag.put('/layout', make.layout(), 1)
         for k in range(40):
             frame = make.frame(k, np.zeros(15), k * STEP_NS + 1)
@@ -257,12 +269,10 @@ def test_contacts_without_a_frame_are_counted_once(
     assert (answer.agreement.frames, answer.agreement.without_contacts) == (36, 4)
 
 
-def test_a_run_that_learned_a_class_is_held_in_memory(
-    make: SimpleNamespace, open_bag: Callable, pipeline: Pipeline, tmp_path: Path
-) -> None:
+def test_a_run_that_learned_a_class_is_held_in_memory(pipeline: Pipeline, tmp_path: Path) -> None:
     path = tmp_path / 'bag'
     told = {'sha256': 'a' * 64, 'enrolled': 'mug', 'presses': [[1, 2]], 'after_ns': 5}
-    with open_bag(path) as bag:
+    with make.Bag(path) as bag:
         bag.put('/layout', make.layout(), 1)
         for k in range(9):
             frame = make.frame(k, np.zeros(15), k * STEP_NS + 1)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from reference import made_bags as make
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.lerobot import (
     pooled,
@@ -19,11 +20,9 @@ from tactile_ros.evaluation.lerobot import (
 from tactile_ros.evaluation.recording_files import load
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
     from types import SimpleNamespace
 
-    WriteBag = Callable[..., Path]
 
 NO_ARROW = 'pyarrow is not installed: pip install pyarrow'
 START_NS = 1_000_000_000
@@ -36,11 +35,11 @@ def parquet() -> SimpleNamespace:
 
 
 def test_every_frame_is_new_in_one_window_and_keeps_its_stamp(
-    write_bag: WriteBag, tmp_path: Path, parquet: SimpleNamespace
+    tmp_path: Path, parquet: SimpleNamespace
 ) -> None:
     bags = [
-        write_bag(tmp_path / 'one', n=50, lost=(7, 8, 9, 10)),
-        write_bag(tmp_path / 'two', n=31),
+        make.write_bag(tmp_path / 'one', n=50, lost=(7, 8, 9, 10)),
+        make.write_bag(tmp_path / 'two', n=31),
     ]
     done = write_dataset(bags, tmp_path / 'out', 30, 'press it', [])
     assert done.rows == [
@@ -65,10 +64,8 @@ def test_every_frame_is_new_in_one_window_and_keeps_its_stamp(
     np.testing.assert_allclose(table['timestamp'][:3], [0, 1 / 30, 2 / 30], atol=1e-6)
 
 
-def test_the_description_is_that_of_the_format(
-    write_bag: WriteBag, tmp_path: Path, parquet: SimpleNamespace
-) -> None:
-    bags = [write_bag(tmp_path / name, n=n) for name, n in (('one', 40), ('two', 20))]
+def test_the_description_is_that_of_the_format(tmp_path: Path, parquet: SimpleNamespace) -> None:
+    bags = [make.write_bag(tmp_path / name, n=n) for name, n in (('one', 40), ('two', 20))]
     write_dataset(bags, tmp_path / 'out', 50, 'press it', [])
     meta = tmp_path / 'out' / 'meta'
     info = json.loads((meta / 'info.json').read_text())
@@ -99,10 +96,10 @@ def test_the_description_is_that_of_the_format(
 
 
 def test_joint_states_and_commands_are_held_until_the_next(
-    make: SimpleNamespace, open_bag: Callable[..., object], tmp_path: Path,
+    tmp_path: Path,
     parquet: SimpleNamespace,
 ) -> None:  # fmt: skip
-    with open_bag(tmp_path / 'bag') as bag:
+    with make.Bag(tmp_path / 'bag') as bag:
         bag.put('/f/layout', make.layout())
         for k in range(20):
             stamp = START_NS + k * 10_000_000
@@ -129,12 +126,12 @@ def test_joint_states_and_commands_are_held_until_the_next(
 
 
 def test_images_are_kept_as_they_came_and_broken_ones_are_counted(
-    make: SimpleNamespace, open_bag: Callable[..., object], tmp_path: Path,
+    tmp_path: Path,
     parquet: SimpleNamespace,
 ) -> None:  # fmt: skip
     pillow = pytest.importorskip('PIL.Image', reason='pillow is not installed: pip install pillow')
     sent = []
-    with open_bag(tmp_path / 'bag') as bag:
+    with make.Bag(tmp_path / 'bag') as bag:
         bag.put('/f/layout', make.layout())
         for k in range(10):
             stamp = START_NS + k * 10_000_000
@@ -162,11 +159,11 @@ def test_images_are_kept_as_they_came_and_broken_ones_are_counted(
 
 
 def test_bags_with_other_features_or_senseless_stamps_are_refused(
-    write_bag: WriteBag, make: SimpleNamespace, open_bag: Callable[..., object], tmp_path: Path,
+    tmp_path: Path,
     parquet: SimpleNamespace,
 ) -> None:  # fmt: skip
     def frames(name: str, stamps: list[int], taxels: int = 5) -> Path:
-        with open_bag(tmp_path / name) as bag:
+        with make.Bag(tmp_path / name) as bag:
             bag.put('/layout', make.layout(taxels))
             for k, stamp in enumerate(stamps):
                 bag.put('/frame', make.frame(k, np.zeros(3 * taxels), stamp), k)
@@ -178,7 +175,7 @@ def test_bags_with_other_features_or_senseless_stamps_are_refused(
         'are spread over': frames('jump', [*steps, 10**18]),
         'nearly the same stamp': frames('still', [*steps, *range(10**10, 10**10 + 200)]),
     }
-    whole = write_bag(tmp_path / 'whole', n=5)
+    whole = make.write_bag(tmp_path / 'whole', n=5)
     for sentence, path in cases.items():
         with pytest.raises(RecordingError, match=sentence):
             write_dataset([whole, path], tmp_path / 'out', 30, 'x', [])

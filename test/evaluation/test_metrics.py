@@ -11,15 +11,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks.magnet_pad import average_euclidean_error, coverage_by_thirds
 from tactile_ros.evaluation.metrics import (
     ONE_SIGMA,
+    ContactErrors,
     confusion,
+    contact_errors,
     coverage,
     frames_dropped,
     given_targets,
     place_groups,
     spread,
+    tare_age,
     target_errors,
     unjudged,
 )
@@ -30,8 +32,6 @@ def test_rows_of_a_confusion_are_true_cells() -> None:
     true, said = np.array([0, 0, 0, 1, 1]), np.array([0, 0, 2, 1, -1])
     wanted = [[200 / 3, 0, 100 / 3], [0, 50, 0], [np.nan] * 3]
     np.testing.assert_allclose(confusion(said, true, 3), wanted)
-    centres = 1e-3 * np.array([[0.0, 0, 5], [8.0, 0, 5], [3.0, 4, 1]])
-    assert average_euclidean_error(said[:4], true[:4], centres) == pytest.approx(5.0 / 4)
 
 
 def test_coverage_accepts_true_covariances_alone() -> None:
@@ -54,19 +54,6 @@ def test_few_groups_widen_what_is_accepted_to_the_binomial_interval() -> None:
     assert (found.low, found.high) == pytest.approx(ends)
     many = coverage(np.zeros(10_000), np.ones(10_000), np.arange(10_000))
     assert (many.low, many.high) == (ONE_SIGMA - 0.05, ONE_SIGMA + 0.05)
-
-
-def test_coverage_by_thirds_shows_what_cancels_overall() -> None:
-    rng, groups = np.random.default_rng(1), np.arange(6000)
-    true = np.repeat([1.0, 2.0, 3.0], 2000)
-    error = true * rng.normal(size=6000)
-    honest = coverage_by_thirds(error, true**2, groups)
-    assert len(honest) == 8
-    assert all(one.honest for one in honest.values())
-    steep = coverage_by_thirds(error, (0.5 * true**2) ** 2, groups)
-    assert steep['least third', 1].share < 0.5
-    assert steep['largest third', 1].share > 0.8
-    assert steep['middle third', 1].honest
 
 
 LAYOUT = Layout(np.zeros((5, 3)), ('Bx', 'By', 'Bz'), 'T')
@@ -166,3 +153,25 @@ def test_dropped_frames_are_gaps_inside_streams() -> None:
     restarts = np.array([True, False, False, False, True, False, False])
     assert frames_dropped(sequence, restarts) == 2 + 2
     assert frames_dropped(None, restarts) == frames_dropped(sequence[:1], restarts[:1]) == 0
+
+
+def test_contact_is_judged_at_rest_by_force_and_at_its_end() -> None:
+    force = np.full((12, 3), np.nan)
+    force[:, 2] = [0, 0, 0.05, 0.5, 2, 2, 0, 0, 0, 0.3, 0, 0]
+    told = np.array([0, 1, 0, 0, 1, 1, 1, 1, 0, 1, 0, -1], np.int8)
+    recording = Recording.from_arrays(
+        LAYOUT, np.zeros((12, 5, 3)), 10**8 * np.arange(12), tare=np.arange(12) == 10,
+        truth={'force': force},
+    )  # fmt: skip
+    states = ContactStates.assemble(12, 5, {'in_contact': told, 'force': force})
+    found = contact_errors(recording, states)
+    assert found is not None
+    assert found.touched.tolist() == [*[False] * 2, *[True] * 3, *[False] * 3, True, *[False] * 2]
+    assert found.contact_at_rest == pytest.approx(300 / 7)  # 7 frames at rest
+    assert found.found == 75.0
+    np.testing.assert_allclose(found.table, [[300 / 7, 300 / 7], [25, 75]])
+    assert found.release_s == pytest.approx([0.2])  # a tare is no release
+    twice = ContactErrors.pool([found, found])
+    assert (twice.found, len(twice.release_s)) == (75.0, 2)
+    assert contact_errors(recording, ContactStates.assemble(12, 5, {})) is None
+    np.testing.assert_allclose(tare_age(recording)[9:], [np.nan, 0.0, 0.1])

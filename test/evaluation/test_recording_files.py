@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from reference import made_bags as make
 from tactile_ros.errors import MissingPackageError, RecordingError
 from tactile_ros.evaluation.bag import all_types
 from tactile_ros.evaluation.recording_files import load, load_recording, save_recording
@@ -19,9 +20,7 @@ from tactile_ros.types import Layout, Recording
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
-    from types import SimpleNamespace
 
-    WriteBag = Callable[..., Path]
 
 LAYOUT = Layout(
     np.arange(6.0).reshape(2, 3) * 1e-3, ('Bx', 'By', 'Bz'), 'T', np.tile(np.eye(3), (2, 1, 1)),
@@ -119,9 +118,9 @@ Put = Callable[..., None]
 
 
 @pytest.fixture
-def put(open_bag: Callable[..., object], tmp_path: Path) -> Iterator[Put]:
+def put(tmp_path: Path) -> Iterator[Put]:
     """Writer of messages into `bag`: topic, message, log time, and bytes in its place."""
-    with open_bag(tmp_path / 'bag') as bag:
+    with make.Bag(tmp_path / 'bag') as bag:
 
         def write(topic: str, message: object, log_ns: int = 0, data: bytes = b'') -> None:
             if data:
@@ -155,10 +154,8 @@ def test_csv_that_makes_no_sense_is_refused_with_a_sentence(
         load(file, Layout(np.zeros((1, 3)), ('u',), '1'))
 
 
-def test_a_bag_becomes_frames_contacts_baselines_and_truth(
-    write_bag: WriteBag, tmp_path: Path
-) -> None:
-    loaded = load(write_bag(tmp_path / 'bag', n=20, lost=(4, 5)))
+def test_a_bag_becomes_frames_contacts_baselines_and_truth(tmp_path: Path) -> None:
+    loaded = load(make.write_bag(tmp_path / 'bag', n=20, lost=(4, 5)))
     (found,) = loaded.recordings
     recording = found.recording
     assert loaded.problems == ()
@@ -180,7 +177,7 @@ def test_a_bag_becomes_frames_contacts_baselines_and_truth(
 
 
 def test_foreign_topics_damaged_messages_and_lost_layouts_are_named(
-    put: Put, make: SimpleNamespace, tmp_path: Path
+    put: Put, tmp_path: Path
 ) -> None:
     put('/camera', make.new('String', data='x'))
     with pytest.raises(RecordingError, match=r'holds no frames .*/camera'):
@@ -199,9 +196,7 @@ def test_foreign_topics_damaged_messages_and_lost_layouts_are_named(
     assert '1 frames were left out' in said
 
 
-def test_garbage_in_place_of_messages_never_raises_anything_else(
-    put: Put, make: SimpleNamespace, tmp_path: Path
-) -> None:
+def test_garbage_in_place_of_messages_never_raises_anything_else(put: Put, tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     contacts = make.contacts(0, 0)
     good = make.cdr(contacts)
@@ -217,9 +212,7 @@ def test_garbage_in_place_of_messages_never_raises_anything_else(
     assert one.contacts is not None
 
 
-def test_restarted_counter_begins_a_new_stream(
-    put: Put, make: SimpleNamespace, tmp_path: Path
-) -> None:
+def test_restarted_counter_begins_a_new_stream(put: Put, tmp_path: Path) -> None:
     for space in ('/thumb', '/index'):
         put(f'{space}/layout', make.layout())
     for k, sequence in enumerate([0, 1, 2, 0, 1]):
@@ -232,9 +225,7 @@ def test_restarted_counter_begins_a_new_stream(
         assert force.tolist() == [sign * k for k in range(5)]  # heard beside its frame
 
 
-def test_truth_of_other_instruments_is_taken_at_the_nearest_time(
-    put: Put, make: SimpleNamespace, tmp_path: Path
-) -> None:
+def test_truth_of_other_instruments_is_taken_at_the_nearest_time(put: Put, tmp_path: Path) -> None:
     put('/layout', make.layout())
     for k in range(10):
         put('/frame', make.frame(k, np.zeros(15), 10**9 + k * 10_000_000), 10**9 + k)
@@ -263,9 +254,9 @@ def test_nearest_against_the_plain_search() -> None:
 
 
 def test_a_bag_without_rosbags_is_one_sentence(
-    write_bag: WriteBag, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = write_bag(tmp_path / 'bag', n=3)
+    path = make.write_bag(tmp_path / 'bag', n=3)
     all_types.cache_clear()
     monkeypatch.setitem(sys.modules, 'rosbags.typesys', None)
     with pytest.raises(MissingPackageError, match='pip install rosbags'):

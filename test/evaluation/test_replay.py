@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import queue
+import shutil
 from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import replace
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 
 from reference import enrolled_skin
+from reference import made_bags as make
 from tactile_ros.action import Enrol
 from tactile_ros.conditioning.baseline import tare_means, tare_runs
 from tactile_ros.evaluation.fleet import evaluate_bag
@@ -69,14 +71,11 @@ def fitted(spatial: Recording) -> Pipeline:
 
 
 @pytest.fixture
-def live(
-    open_bag: Callable[[Path], object], record_live: Callable[..., None], fitted: Pipeline,
-    tmp_path: Path,
-) -> Callable[..., LoadedRecording]:  # fmt: skip
+def live(fitted: Pipeline, tmp_path: Path) -> Callable[..., LoadedRecording]:
     """Loaded bags of live runs of the fitted pipeline."""
 
     def run(*what: object) -> LoadedRecording:
-        record_live(open_bag(tmp_path / 'bag'), fitted, *what)
+        make.record(tmp_path / 'bag', fitted, *what)
         (loaded,) = load(tmp_path / 'bag').recordings
         return loaded
 
@@ -270,8 +269,8 @@ PATIENCE_S = 300.0
 class Run:
     """A live run without ROS: frames, states, what was announced."""
 
-    def __init__(self, path: Path) -> None:
-        enrolled_skin.five_heads().save(path)
+    def __init__(self, path: Path, taught: Path) -> None:
+        shutil.copyfile(taught, path)
         self.first = SPEC.load(path)
         self.path = path
         self.presses = enrolled_skin.new_head()
@@ -322,8 +321,8 @@ class Run:
 
 
 @pytest.fixture(scope='module')
-def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    made = Run(tmp_path_factory.mktemp('run') / 'skin.npz')
+def run(tmp_path_factory: pytest.TempPathFactory, taught_skin: Path) -> Run:
+    made = Run(tmp_path_factory.mktemp('run') / 'skin.npz', taught_skin)
     made.press(0)
     assert made.learn('mug', (1, 2)).success
     made.press(3)
@@ -356,8 +355,10 @@ def test_a_replay_learns_and_forgets_where_the_live_run_did(run: Run) -> None:
     assert any("'mug' could not be learned" in text for text in replay(part, run.first).problems)
 
 
-def test_presses_are_added_and_replaced_unless_the_file_changed(tmp_path: Path) -> None:
-    run = Run(tmp_path / 'skin.npz')
+def test_presses_are_added_and_replaced_unless_the_file_changed(
+    tmp_path: Path, taught_skin: Path
+) -> None:
+    run = Run(tmp_path / 'skin.npz', taught_skin)
     assert run.learn('mug', (1,)).success
     for numbers, anew, size in (((2,), False, 2), ((4,), True, 1)):
         assert run.learn('mug', numbers, replace=anew).index == 5

@@ -160,7 +160,7 @@ def test_hysteresis_drift_and_confusion_measure_gap_slope_and_share() -> None:
     assert 'nan' not in moved.drawing + still.drawing + figure.drawing
 
 
-@pytest.mark.parametrize('rate', [20.0, 1000.0])
+@pytest.mark.parametrize('rate', [20.0, 200.0])
 def test_hysteresis_at_any_rate_and_under_noise(rate: float) -> None:
     rng, corners = np.random.default_rng(1), np.array([0.0, 1, 4, 6, 7, 8, 9, 10])
     time = np.arange(round(60 * rate)) / rate

@@ -132,6 +132,8 @@ def test_page_server_tares_where_it_may(page: PageServer) -> None:
     assert ask(page, '../page_server.py')[0] == 404
     with pytest.raises(TactileError, match=rf'port {page.port} cannot be served: .*--port 0'):
         PageServer(page.port)
+    with pytest.raises(TactileError, match='--page 0 takes any free one'):
+        PageServer(page.port, option='--page')
 
 
 @pytest.mark.skipif(BROWSER is None, reason='chromium is not installed')
