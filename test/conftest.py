@@ -92,6 +92,31 @@ collect_ignore = [path for paths in LEFT_OUT.values() for path in paths]
 collect_ignore += ['launch/launched.py']  # launch_testing runs it: test/launch/test_launched.py
 
 
+# A file stays in one process: those that take longest come first, so that none of them ends last.
+LONGEST = (
+    'sensors/test_gradiometer', 'sensors/test_magnet_pad', 'simulation/test_trials',
+    'sensors/test_taxel_array', 'sensors/test_conformity', 'sensors/test_five_wire_skin',
+    'sensors/test_multipole_skin', 'sensors/test_network_classes', 'sensors/test_compiled_loops',
+    'cli/test_enrol', 'evaluation/test_replay',
+    'nodes/test_grip_node', 'nodes/test_enrolment_server', 'nodes/test_stack', 'test_enrolment',
+    'devices/test_device_conformity', 'sensors/test_reskin_board',
+    'sensors/test_slip', 'cli/test_help_examples', 'cli/test_calibrate', 'evaluation/test_guided',
+    'test_oracle', 'estimators/test_object_pose', 'nodes/test_sensor_node', 'cli/test_demo',
+    'nodes/test_graph', 'test_first_hour', 'sensors/test_adding_a_sensor',
+)  # fmt: skip
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Let pytest-xdist keep the order of the files."""
+    config.option.loadscopereorder = False
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Longest files first."""
+    places = {f'test/{name}.py': place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: places.get(item.nodeid.partition('::')[0], len(places)))
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Let the states that test_oracle compares with be written anew."""
     parser.addoption('--write-oracle', action='store_true', help='write test/data/oracle anew')

@@ -35,7 +35,7 @@ def built():
 
 key, estimator, way, presses, path = sys.argv[1:]
 sensor = load_sensor(key)
-lesson, fresh = (thinned(sensor.presses(sensor.config(), i, int(presses))) for i in (1, 2))
+lesson, fresh = (thinned(sensor.presses(sensor.config(), 1, n)) for n in (int(presses), 3))
 if way == 'loaded':
     pipeline = sensor.load(path)
 else:

@@ -49,15 +49,13 @@ def circuit(g: np.ndarray, kind: str) -> np.ndarray:
     matrix = g.reshape(ROWS, COLUMNS)
     if kind == 'grounded':
         return (matrix / (1 + matrix.sum(axis=0))).ravel()
-    output = np.zeros((ROWS, COLUMNS))
-    for j in range(COLUMNS):
-        for i in range(ROWS):
-            nodes = np.diag(np.concatenate([matrix.sum(axis=1), matrix.sum(axis=0)]) + 1e-12)
-            nodes[:ROWS, ROWS:], nodes[ROWS:, :ROWS] = -matrix, -matrix.T
-            nodes[ROWS + j, ROWS + j] += 1.0
-            nodes[i] = np.eye(ROWS + COLUMNS)[i]
-            output[i, j] = np.linalg.solve(nodes, np.eye(ROWS + COLUMNS)[i])[ROWS + j]
-    return output.ravel()
+    plain = np.diag(np.concatenate([matrix.sum(axis=1), matrix.sum(axis=0)]) + 1e-12)
+    plain[:ROWS, ROWS:], plain[ROWS:, :ROWS] = -matrix, -matrix.T
+    one, (i, j) = np.eye(ROWS + COLUMNS), np.divmod(np.arange(TAXELS), COLUMNS)
+    nodes, each = np.tile(plain, (TAXELS, 1, 1)), np.arange(TAXELS)
+    nodes[each, ROWS + j, ROWS + j] += 1.0
+    nodes[each, i] = one[i]
+    return np.linalg.solve(nodes, one[i, :, None])[each, ROWS + j, 0]
 
 
 def read(force: np.ndarray, kind: str, seed: int) -> np.ndarray:

@@ -124,7 +124,7 @@ def test_adaptive_grip_holds_what_a_fixed_force_drops(trials: Trials) -> None:
 def test_magnet_leaves_the_gradiometer_alone_and_not_one_pixel(
     trials: Trials, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(scenes, 'COMES', 6.0)
+    monkeypatch.setattr(scenes, 'COMES', 3.0)
     monkeypatch.setattr(scenes, 'CLOSES', 6.5)
     held, single = trials.balloon(single=False), trials.balloon(single=True)
     assert held.error_until(0.05) < 0.02 * 3.5
