@@ -17,12 +17,22 @@ from rclpy.parameter import Parameter
 from tactile_ros.devices.reskin_protocol import encode
 from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 from tactile_ros.evaluation.recording_files import save_recording
+from tactile_ros.nodes import enrolment_server
 from tactile_ros.nodes.lifecycle import qos
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Recording
 
 PATIENCE_S = 120.0
 TOUCHES = 20
+
+
+@pytest.fixture(scope='session', autouse=True)
+def patience_of_clients() -> Iterator[None]:
+    """Clients of an enrolment wait as long as all others here."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(enrolment_server, 'PATIENCE_S', PATIENCE_S)
+        patch.setattr(enrolment_server, 'ANSWER_S', PATIENCE_S)
+        yield
 
 
 @pytest.fixture(scope='session')

@@ -54,21 +54,16 @@ def test_the_page_has_all_files_of_a_sensor() -> None:
     assert names == ['config.py', 'signal.py', 'device.py', '__init__.py', 'try_it.py']
 
 
-def test_without_the_variable_nothing_changes(home: Path) -> None:
-    code = 'from tactile_ros.sensors import list_sensors; print(*list_sensors())'
+def test_the_commands_find_it_by_the_variable_alone(home: Path) -> None:
     environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
     environment.pop('TACTILE_SENSORS', None)
+    command = ['-m', 'tactile_ros', 'list']
     done = subprocess.run(
-        [sys.executable, '-c', code], env=environment, check=True, capture_output=True, text=True
+        [sys.executable, *command], env=environment, check=True, capture_output=True, text=True
     )
+    assert 'gradiometer' in done.stdout
     assert 'pinch_pad' not in done.stdout
-    assert 'pinch_pad' in python(home, '-c', code)
-
-
-def test_the_commands_find_it(home: Path) -> None:
-    code = 'import sys; from tactile_ros.cli.main import main; sys.exit(main(sys.argv[1:]))'
-    listed = python(home, '-c', code, 'list')
-    assert 'two force-sensing resistors on a gripper' in listed
+    assert 'two force-sensing resistors on a gripper' in python(home, *command)
 
 
 def test_the_program_of_the_page_estimates_from_its_twin(home: Path) -> None:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import pairwise
 from time import perf_counter_ns
 from typing import TYPE_CHECKING
@@ -16,6 +16,7 @@ from tactile_ros.calibration import flatten, read, write
 from tactile_ros.errors import CalibrationError, TactileError
 from tactile_ros.estimators import regression
 from tactile_ros.sensors import list_sensors, load_sensor
+from tactile_ros.sensors.gradiometer import estimation as inversion
 from tactile_ros.types import (
     STATE_FIELDS,
     ContactState,
@@ -52,8 +53,10 @@ TOLD = {
 
 @pytest.fixture(autouse=True)
 def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Perceptrons of few steps, which estimate badly."""
+    """Perceptrons and inversions of few steps, which estimate badly."""
     monkeypatch.setattr(regression, 'FEWEST_STEPS', 50)
+    monkeypatch.setattr(inversion, 'ROUNDS', 1)
+    monkeypatch.setattr(inversion, 'calibrate', partial(inversion.calibrate, most_steps=8))
 
 
 class Toy:
