@@ -357,20 +357,15 @@ class Judge:
 
     def __init__(self, make: Callable[[], Pipeline]) -> None:
         self._make, self._thread = make, threading.Thread()
-        self._folds: list[float] = []  # times at which fits of the last look began
         self.found: HeldOut | None = None
         self.of = 0  # presses that it was found from
         self.failure = ''  # why the last look found nothing
+        self.fit_s = 0.0  # of one fit; 0: not known yet
 
     @property
     def busy(self) -> bool:
         """True while it looks."""
         return self._thread.is_alive()
-
-    @property
-    def fit_s(self) -> float:
-        """Time of one fit (s); 0: not known yet."""
-        return self._folds[1] - self._folds[0] if len(self._folds) > 1 else 0.0
 
     def begin(self, guide: PressGuide) -> None:
         """Judge the presses of a guide, unless it is still busy."""
@@ -380,10 +375,11 @@ class Judge:
             self._thread.start()
 
     def _work(self, presses: Sequence[tuple[int, Recording]], targets: Sequence[Target]) -> None:
-        folds = self._folds = []
+        begun: list[float] = []  # fits
 
         def pipeline() -> Pipeline:
-            folds.append(time.monotonic())
+            begun.append(time.monotonic())
+            self.fit_s = begun[-1] - begun[-2] if len(begun) > 1 else self.fit_s
             return self._make()
 
         try:

@@ -671,6 +671,8 @@ def confusion_plot(table: Array, name: str, description: str) -> Plot:
     titles = [f'{name} {a} named {b}: {share:.1f} %' for a, b, share in each]
     kinds = [f's{shade}' for shade in shades]
     plot.boxes(named.astype(float), true.astype(float), 0.94, kinds, titles)
+    for row, column in np.argwhere(table >= 0.5).tolist() if len(table) <= 16 else ():
+        plot.text(column, row, f'{table[row, column]:.3g}', 'middle')
     return plot
 
 
@@ -678,8 +680,6 @@ def confusion_figure(errors: ClassErrors) -> Figure:
     """Share of each true class that is named as each, and what is confused most."""
     table, name = np.nan_to_num(errors.table), errors.name
     plot = confusion_plot(table, name, f'{name} named against true {name}')
-    for row, column in np.argwhere(table >= 0.5).tolist() if len(table) <= 16 else ():
-        plot.text(column, row, f'{table[row, column]:.0f}', 'middle')
     text = f'{rounded(errors.right)} % of {len(errors.true)} rows are named rightly'
     if abstained := errors.hits['abstained']:
         text += f', {rounded(100 * abstained / len(errors.true))} % are not named'
