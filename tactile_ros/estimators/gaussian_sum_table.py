@@ -11,104 +11,14 @@ covariance: along it a difference says little.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array, Bools, Integers
 
-
-@compiled
-def one_row(z: Array, row: Array, inside: Array, part: Array) -> float:
-    """Misfit of features (d,) to a row of the table; fills its answers (k,)."""
-    channels, freedoms, count = len(z), len(inside), len(part)
-    lead = channels * (1 + freedoms)
-    own = lead + count * freedoms
-    misfit = 0.0
-    for i in range(channels):
-        misfit += (z[i] - row[i]) ** 2
-    for j in range(freedoms):
-        total = 0.0
-        for i in range(channels):
-            total += row[channels * (1 + j) + i] * (z[i] - row[i])
-        inside[j] = total
-        misfit -= total * total
-    for k in range(count):
-        total = row[own + k]
-        for j in range(freedoms):
-            total += row[lead + k * freedoms + j] * inside[j]
-        part[k] = total
-    return float(misfit * row[own + count])
-
-
-@compiled
-def mixture_rows(
-    z: Array, index: Integers, table: Array, freedoms: int, outcome: Array, cov: Array,
-    parts: Array, weight: Array,
-) -> None:  # fmt: skip
-    """Fill what features (s, d) in the metric say, by rows (s, m) of the table (n, w).
-
-    `outcome` (s, k + 2) is mean, logarithm of the likelihood and least misfit; `cov` (s, c, c), of
-    the first c answers, comes as zeros; `parts` (s, m, k) and `weight` (s, m) are of the rows.
-    """
-    count = parts.shape[2]
-    inside = np.empty(freedoms)
-    for s in range(len(z)):
-        best, least, whole = -math.inf, math.inf, 0.0
-        for m in range(index.shape[1]):
-            row = table[index[s, m]]
-            misfit = one_row(z[s], row, inside, parts[s, m])
-            least = min(least, misfit)
-            weight[s, m] = row[-1] - 0.5 * misfit
-            best = max(best, weight[s, m])
-        outcome[s] = 0.0
-        for m in range(index.shape[1]):
-            weight[s, m] = math.exp(weight[s, m] - best)
-            whole += weight[s, m]
-        for m in range(index.shape[1]):
-            weight[s, m] /= whole
-            for k in range(count):
-                outcome[s, k] += weight[s, m] * parts[s, m, k]
-        outcome[s, count], outcome[s, count + 1] = best + math.log(whole), least
-        for m in range(index.shape[1]):
-            add_spread(table[index[s, m]], freedoms, weight[s, m], parts[s, m], outcome[s], cov[s])
-
-
-@compiled
-def add_spread(
-    row: Array, freedoms: int, share: float, part: Array, mean: Array, cov: Array
-) -> None:
-    """Add the share of a row of the table to a covariance: within the row, and off the mean."""
-    count = len(part)
-    lead = len(row) - 2 - count - count * freedoms
-    variance = 1 / row[-2]
-    for a in range(len(cov)):
-        for b in range(a + 1):
-            total = 0.0
-            for j in range(freedoms):
-                total += row[lead + a * freedoms + j] * row[lead + b * freedoms + j]
-            added = share * (variance * total + (part[a] - mean[a]) * (part[b] - mean[b]))
-            cov[a, b] += added
-            if a != b:
-                cov[b, a] += added
-
-
-@compiled
-def share_rows(parts: Array, weight: Array, centres: Array, shares: Array) -> None:
-    """Add the weight of parts (s, m, k) to the centre (n, 3) that their place is nearest to."""
-    for s in range(len(parts)):
-        for m in range(parts.shape[1]):
-            best, least = 0, math.inf
-            for n in range(len(centres)):
-                far = 0.0
-                for i in range(3):
-                    far += centres[n, i] * (0.5 * centres[n, i] - parts[s, m, i])
-                if far < least:
-                    best, least = n, far
-            shares[s, best] += weight[s, m]
+BLOCK = 512  # rows at once
 
 
 @dataclass(frozen=True)
@@ -156,9 +66,6 @@ class GaussianSumTable:
         Rows that answer (m).
     told : int or None
         How many answers have a covariance (c); None: all.
-    slack : float
-        Share by which a neighbour may be farther than one that was passed over; readings that are
-        like none of the table's are looked up sooner.
 
     Examples
     --------
@@ -174,56 +81,73 @@ class GaussianSumTable:
 
     def __init__(
         self, touches: Linearised, common: Array | None = None, strength: float = 0.0,
-        neighbours: int = 16, told: int | None = None, slack: float = 0.0,
+        neighbours: int = 16, told: int | None = None,
     ) -> None:  # fmt: skip
         count, channels = touches.readings.shape
-        self.neighbours = min(neighbours, count)
-        self.slack = slack
+        self.neighbours, self.answers = min(neighbours, count), touches.answers
         self.told = touches.answers.shape[1] if told is None else told
-        typical = float(np.sqrt((touches.sigma**2).mean()))
-        self.metric, self.volume = _metric(channels, common, strength / typical)
-        samples = touches.readings @ self.metric
-        self.tree = cKDTree(samples)
+        self.variance = touches.sigma**2
+        self.metric, self.volume = _metric(
+            channels, common, strength / float(np.sqrt(self.variance.mean()))
+        )
+        self.samples = touches.readings @ self.metric
+        self.tree = cKDTree(self.samples)
         slopes = np.matmul(self.metric, touches.slopes)
-        variance = touches.sigma**2
         inner = np.matmul(slopes.transpose(0, 2, 1), slopes)
-        inner += variance[:, None, None] * np.eye(slopes.shape[2])
+        inner += self.variance[:, None, None] * np.eye(slopes.shape[2])
         factor = np.linalg.cholesky(inner)
-        turned = np.linalg.solve(factor, slopes.transpose(0, 2, 1))
-        root = np.linalg.inv(factor).transpose(0, 2, 1)
-        leads = np.matmul(touches.leads, root)
+        self.turned = np.linalg.solve(factor, slopes.transpose(0, 2, 1))
+        self.leads = np.matmul(touches.leads, np.linalg.inv(factor).transpose(0, 2, 1))
         own = np.log(np.maximum(touches.share, 1e-300)) + self.volume
         own -= np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
-        own -= 0.5 * (channels - slopes.shape[2]) * np.log(variance)
-        self.freedoms, self.count = slopes.shape[2], touches.answers.shape[1]
-        pieces = (samples, turned, leads, touches.answers, 1 / variance, own)
-        # a row's numbers in one piece: looked up at once
-        self.table = np.concatenate([part.reshape(count, -1) for part in pieces], axis=1)
+        self.own = own - 0.5 * (channels - slopes.shape[2]) * np.log(self.variance)
 
     def __call__(self, x: Array) -> Posterior:
         """Posterior of finite features x (s, d)."""
-        # a row at a time: the same bits alone and among others
-        z = np.matmul(x[:, None], self.metric)[:, 0] if self.volume != 0.0 else x
-        rows, near, count = len(z), self.neighbours, self.count
-        index = self.tree.query(z, k=near, eps=self.slack)[1].reshape(rows, near)
-        outcome = np.empty((rows, count + 2))
-        cov = np.zeros((rows, self.told, self.told))
-        parts, weight = np.empty((rows, near, count)), np.empty((rows, near))
-        mixture_rows(z, index, self.table, self.freedoms, outcome, cov, parts, weight)
-        return Posterior(
-            outcome[:, :count], cov, outcome[:, count], outcome[:, count + 1], parts, weight
+        blocks = [self._answer(x[i : i + BLOCK]) for i in range(0, max(len(x), 1), BLOCK)]
+        if len(blocks) == 1:
+            return blocks[0]
+        columns = (
+            np.concatenate([getattr(one, f.name) for one in blocks]) for f in fields(Posterior)
         )
+        return Posterior(*columns)
+
+    def _answer(self, x: Array) -> Posterior:
+        z = x @ self.metric
+        near = self.tree.query(z, k=np.arange(1, self.neighbours + 1))[1]
+        miss = z[:, None] - self.samples[near]
+        inside = np.matmul(self.turned[near], miss[..., None])[..., 0]
+        variance, leads = self.variance[near], self.leads[near]
+        misfit = (np.square(miss).sum(axis=2) - np.square(inside).sum(axis=2)) / variance
+        parts = self.answers[near] + np.matmul(leads, inside[..., None])[..., 0]
+        likely = self.own[near] - 0.5 * misfit
+        best = likely.max(axis=1, keepdims=True)
+        weight = np.exp(likely - best)
+        whole = weight.sum(axis=1, keepdims=True)
+        weight /= whole
+        mean = np.matmul(weight[:, None], parts)[:, 0]
+        # within the rows, and off the mean
+        leads = leads[:, :, : self.told] * np.sqrt(variance)[..., None, None]
+        off = (parts - mean[:, None])[..., : self.told, None]
+        wide = np.concatenate([leads, off], axis=3) * np.sqrt(weight)[..., None, None]
+        wide = wide.transpose(0, 2, 1, 3).reshape(len(x), self.told, -1)
+        cov = np.matmul(wide, wide.transpose(0, 2, 1))
+        evidence = (best + np.log(whole))[:, 0]
+        return Posterior(mean, cov, evidence, misfit.min(axis=1), parts, weight)
 
     def of_causes(self, x: Array, sigma: float) -> Array:
         """Logarithm of the likelihood (s,) that outside causes alone made features x (s, d)."""
-        z = np.matmul(x[:, None], self.metric)[:, 0] / sigma
+        z = x @ self.metric / sigma
         return np.asarray(self.volume - 0.5 * (z * z).sum(axis=1) - x.shape[1] * np.log(sigma))
 
-    def shares(self, seen: Posterior, centres: Array) -> Array:
+    @staticmethod
+    def shares(seen: Posterior, centres: Array) -> Array:
         """Share (s, n) of the parts that are nearest to each of some centres (n, 3)."""
-        shares = np.zeros((len(seen.parts), len(centres)))
-        share_rows(seen.parts, seen.weight, centres, shares)
-        return shares
+        far = (
+            0.5 * np.square(centres).sum(axis=1) - seen.parts[..., : centres.shape[1]] @ centres.T
+        )
+        nearest = far.argmin(axis=2)[..., None] == np.arange(len(centres))
+        return np.asarray(np.matmul(seen.weight[:, None], nearest)[:, 0])
 
 
 def _metric(channels: int, common: Array | None, strength: float) -> tuple[Array, float]:
@@ -267,7 +191,6 @@ class TouchPosterior:
     """
 
     NEIGHBOURS, BESIDE = 16, 96
-    SLACK = 1.0
     ODDS = -4.0  # logarithm, of a common cause against none
 
     def __init__(
@@ -276,9 +199,7 @@ class TouchPosterior:
     ) -> None:  # fmt: skip
         channels = rows.readings.shape[1]
         self.told = rows.answers.shape[1] - channels
-        self.plain = GaussianSumTable(
-            rows.of(self.told), neighbours=self.NEIGHBOURS, slack=self.SLACK
-        )
+        self.plain = GaussianSumTable(rows.of(self.told), neighbours=self.NEIGHBOURS)
         self.common, self.usual, self.unlike, self.entry = common, usual, unlike, entry
         self.blurred = float(np.hypot(noise, entry * strength))
         every = rows.answers[:, : self.told]
@@ -317,7 +238,7 @@ class TouchPosterior:
         other, told = self.beside(x[rows]), self.told
         share = other.evidence - evidence + self.ODDS
         share = 1 / (1 + np.exp(-np.clip(share, -50, 50)))[:, None]
-        cause = np.matmul((x[rows] - other.mean[:, told:])[:, None], self.solve)[:, 0]
+        cause = (x[rows] - other.mean[:, told:]) @ self.solve
         # channels differ by a share of the cause, which may be stronger than usual
         wider = np.maximum(other.misfit / x.shape[1], 1.0)
         wider *= 1 + (self.entry / self.blurred) ** 2 * (cause * cause).sum(axis=1)
@@ -331,9 +252,8 @@ class TouchPosterior:
     def cause(self, x: Array) -> tuple[Array, Array]:
         """Cause alone (s, q) that readings (s, d) are nearest to, and what remains of them."""
         assert self.common is not None
-        # a row at a time: the same bits alone and among others
-        size = np.matmul(x[:, None], self.solve)[:, 0]
-        return size, x - np.matmul(size[:, None], self.common.T)[:, 0]
+        size = x @ self.solve
+        return size, x - size @ self.common.T
 
     def touching(self, x: Array, threshold: float) -> Bools:
         """Decide whether readings (s, d) are those of a touch or of a common cause alone.

@@ -32,8 +32,9 @@ from tactile_ros.estimators.model_inversion import (
     calibrate,
     invert,
 )
+from tactile_ros.estimators.model_selection import held_out_report, select
 from tactile_ros.estimators.polynomial_force import PolynomialForce, ThermalPolynomial
-from tactile_ros.estimators.regression import Ridge, group_folds
+from tactile_ros.estimators.regression import Ridge
 from tactile_ros.physics.field_table import SHAPE
 from tactile_ros.physics.temperature import REMANENCE_SLOPE, hall_sensitivity
 from tactile_ros.sensors.gradiometer.temperature import Thermometer, mean_of
@@ -66,7 +67,7 @@ TWO_SIGMA = 0.9545
 FARTHEST = 2.0  # times the largest that can be
 SCENES = 30  # states of the scene, over which terms are weighed
 WHOLE = 0.9  # of full scale
-FOLDS, MORE_STARTS, TINY = 5, 4, 1e-12
+MORE_STARTS, TINY = 4, 1e-12
 
 
 class GradiometerEstimation(Estimation):
@@ -397,18 +398,19 @@ class GradiometerEstimation(Estimation):
         drivers: Array = self._drivers(states)
         shares = {'inversion': relative(errors, self.spread_)}
         floor = self.estimator if self.estimator in ESTIMATORS[1:] else 'polynomial'
-        x = self._features(signals)[rows]
-        other = cross_validated(self._regressor(floor), x, f, group)
-        shares[floor] = relative(other, self.spread_)
-        better = shares[floor] < shares['inversion'] and self.estimator is None
-        self.method_ = 'inversion'
+        x, self.method_ = self._features(signals)[rows], 'inversion'
         scale: Array | None = stated
-        if self.estimator == floor or better:
-            self.method_, errors, drivers, scale = floor, other, x, None
-            self.regressor_ = self._regressor(floor).fit(x, f, group)
+        whole = np.isfinite(np.column_stack([x, f])).all(axis=1)
+        if self.estimator == floor or whole.any():
+            other = select({floor: self._regressor(floor)}, x, f, group)
+            shares[floor] = relative(other.residuals, self.spread_)
+            better = shares[floor] < shares['inversion'] and self.estimator is None
+            if self.estimator == floor or better:
+                self.method_, self.regressor_ = floor, self._regressor(floor).fit(x, f, group)
+                errors, group, drivers, scale = other.residuals, other.groups, other.x, None
         self.covariance_ = CovarianceModel().fit(errors, scale, group, drivers)
         sigma = np.sqrt(np.einsum('sii->si', self.covariance_.predict(scale, drivers)[0]))
-        self._report_errors(f, errors, sigma, group, shares)
+        self._report_errors(errors, sigma, group, shares)
         sizes: dict[str, float] = {}
         for (name, _), column in zip(self.answers_, f.T, strict=True):
             sizes[str(name)] = max(sizes.get(str(name), 0.0), float(np.nanmax(np.abs(column))))
@@ -589,24 +591,19 @@ class GradiometerEstimation(Estimation):
     # -- report ------------------------------------------------------------------------------
 
     def _report_errors(
-        self, f: Array, errors: Array, sigma: Array, group: Integers, shares: dict[str, float]
+        self, errors: Array, sigma: Array, group: Integers, shares: dict[str, float]
     ) -> None:
         """Errors on held-out groups, by target."""
         for name, own, components in self._components:
             axes = ['xyz'[axis] for axis in components]
-            part, spread = errors[:, own], sigma[:, own]
-            rows = np.isfinite(part).all(axis=1)
-            part, spread = part[rows], spread[rows]
-            length = np.linalg.norm(part, axis=1)
-            if not len(length):
+            rows = np.isfinite(errors[:, own]).all(axis=1)
+            if not rows.any():
                 continue
+            part, spread = errors[rows][:, own], sigma[rows][:, own]
             self.report_[f'{name}_{"".join(axes)}'] = {
-                'held_out_mean': float(length.mean()),
-                'held_out_rmse': float(np.sqrt((length**2).mean())),
-                'held_out_p95': float(np.percentile(length, 95)),
-                'inside_one_sigma': float((np.abs(part) <= spread).mean()),
+                **held_out_report(part, spread, group, len(part), {}),
+                'held_out_p95': float(np.percentile(np.linalg.norm(part, axis=1), 95)),
                 'inside_two_sigma': float((np.abs(part) <= 2 * spread).mean()),
-                'groups': float(len(np.unique(group))), 'rows': float(len(part)),
                 **{f'rmse_{axis}': float(np.sqrt((part[:, i] ** 2).mean()))
                    for i, axis in enumerate(axes)},
                 **{f'reference_noise_{axis}': float(self.label_noise_[i])
@@ -663,19 +660,6 @@ def relative(errors: Array, spread: Array) -> float:
     if not known.any():
         return float('inf')
     return float(np.sqrt(((errors / spread)[known] ** 2).mean()))
-
-
-def cross_validated(estimator: Estimator, x: Array, f: Array, group: Integers) -> Array:
-    """Errors (s, l) of an estimator on groups held out; NaN where it cannot be fitted."""
-    errors = np.full(f.shape, np.nan)
-    fold = group_folds(group, FOLDS, 0)
-    whole = np.isfinite(f).all(axis=1) & np.isfinite(x).all(axis=1)
-    for name in np.unique(fold):
-        held, rest = whole & (fold == name), whole & (fold != name)
-        if held.any() and rest.sum() > FOLDS:
-            fitted = estimator.fit(x[rest], f[rest], group[rest])
-            errors[held] = fitted.predict(x[held]) - f[held]
-    return errors
 
 
 def rest_noise(signals: Signals, resting: Bools) -> float:

@@ -20,7 +20,12 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
-from tactile_ros.sensors.magnet_pad.body_model import change_of_field, rest_field, touches_at
+from tactile_ros.sensors.magnet_pad.body_model import (
+    NOISE,
+    change_of_field,
+    rest_field,
+    touches_at,
+)
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.types import Array, Integers, Table
 
@@ -70,24 +75,19 @@ def least_forces(config: MagnetPadConfig, required: Requirements) -> Array:
     return found
 
 
-def loudest(config: MagnetPadConfig, required: Requirements) -> Array:
-    """Largest reading (t, 3) (T) of each channel, at rest or under the largest force."""
-    rest = rest_field(config)
+def loudest(config: MagnetPadConfig, required: Requirements) -> tuple[Array, Array]:
+    """Largest reading (t, 3) (T), at rest or under the largest force, and the range (3,)."""
     loads = required.largest * np.array([0.0, 0.5, 1.0])
-    return np.asarray(np.abs(rest + changes(config, required, loads)).max(axis=(0, 1)))
-
-
-def saturation(config: MagnetPadConfig) -> Array:
-    """Range (3,) of the channels (T)."""
+    most = np.abs(rest_field(config) + changes(config, required, loads)).max(axis=(0, 1))
     limit = np.inf if config.saturation is None else np.asarray(config.saturation, float)
-    return np.broadcast_to(limit, (3,))
+    return most, np.broadcast_to(limit, (3,))
 
 
 def quiet_enough(config: MagnetPadConfig, required: Requirements) -> Array:
     """Chips (t,) for which condition 1 holds."""
+    most, limit = loudest(config, required)
     rest = np.linalg.norm(rest_field(config), axis=1)
-    clear = (loudest(config, required) < saturation(config)).all(axis=1)
-    return np.asarray((rest > required.least_field) & clear)
+    return np.asarray((rest > required.least_field) & (most < limit).all(axis=1))
 
 
 def place_bound(config: MagnetPadConfig, required: Requirements, noise: float) -> float:
@@ -96,8 +96,8 @@ def place_bound(config: MagnetPadConfig, required: Requirements, noise: float) -
     Cramer and Rao with place and load unknown; infinite where readings do not tell them.
     """
     load, step = np.sqrt(required.force * required.largest), 1e-3
-    cells = config.cells * np.array([0.0, 1.0, 1.0])
-    normal = cells / np.linalg.norm(cells, axis=1, keepdims=True)
+    normal = config.cells * np.array([0.0, 1.0, 1.0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     level = touches_at(config.cells, load * normal)
     tip = required.tip / config.radius
     start = change_of_field(config, level, tip)
@@ -106,8 +106,7 @@ def place_bound(config: MagnetPadConfig, required: Requirements, noise: float) -
         for unit in np.diag([config.radius, 1.0, 1.0, 0.0, 0.0])[:3]
     ], axis=-1).reshape(len(level), -1, 3) / noise  # fmt: skip
     inner = np.matmul(slopes.transpose(0, 2, 1), slopes)
-    known = np.linalg.cond(inner) < 1e16
-    if not known.all():
+    if not (np.linalg.cond(inner) < 1e16).all():
         return np.inf
     cov = np.linalg.inv(inner)
     return config.radius * float(np.sqrt(cov[:, 0, 0] + cov[:, 1, 1]).mean())
@@ -177,37 +176,31 @@ def _added(config: MagnetPadConfig, cells: Integers) -> Remedy:
     if len(cells) < BLOCK:
         at[2] *= 0.6
         added = replace(
-            config,
-            magnet_positions=np.vstack([config.magnet_positions, at]),
+            config, magnet_positions=np.vstack([config.magnet_positions, at]),
             magnet_axes=np.vstack([config.magnet_axes, config.magnet_axes[:1]]),
-        )
+        )  # fmt: skip
         change = f'a magnet at {x:.3g}, {y:.3g}, {1e3 * at[2]:.3g} mm'
         return Remedy('more magnets', f'a few: {words}', change, added)
-    at[2] = config.positions[:, 2].mean()
-    turns = config.rotations
+    at[2], turns = config.positions[:, 2].mean(), config.rotations
     added = replace(
-        config,
-        positions=np.vstack([config.positions, at]),
+        config, positions=np.vstack([config.positions, at]),
         rotations=None if turns is None else np.concatenate([turns, np.eye(3)[None]]),
-    )
+    )  # fmt: skip
     return Remedy('extra chip', f'a block: {words}', f'a chip at {x:.3g}, {y:.3g} mm', added)
 
 
-NOISE = 4e-6  # T, where the config states none
 SOFTEST, ROUNDS = 0.02, 7
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `tactile design magnet_pad`."""
-    parser.add_argument('--force', type=float, default=1.5, help='least force to be felt (N)')
-    parser.add_argument('--largest', type=float, default=10.0, help='largest force (N)')
-    parser.add_argument('--tip', type=float, default=3.0, help='radius of what touches (mm)')
-    parser.add_argument(
-        '--least-field', type=float, default=10.0, help='least field of a chip (uT)'
-    )
-    parser.add_argument(
-        '--resolution', type=float, help='least change that counts (uT); 5 sigma of the noise'
-    )
+    for name, default, what in (
+        ('force', 1.5, 'least force to be felt (N)'), ('largest', 10.0, 'largest force (N)'),
+        ('tip', 3.0, 'radius of what touches (mm)'),
+        ('least-field', 10.0, 'least field of a chip (uT)'),
+        ('resolution', None, 'least change that counts (uT); 5 sigma of the noise'),
+    ):  # fmt: skip
+        parser.add_argument(f'--{name}', type=float, default=default, help=what)
     parser.add_argument('--magnets', type=int, default=4, help='most magnets of the search')
     parser.add_argument('--chips', type=int, default=3, help='most chips of the search')
 
@@ -234,23 +227,26 @@ def tables(config: MagnetPadConfig, options: argparse.Namespace) -> list[Table]:
 
 def _first(config: MagnetPadConfig, required: Requirements) -> Table:
     """Condition 1."""
-    rest, most = np.linalg.norm(rest_field(config), axis=1), loudest(config, required)
-    holds, limit = quiet_enough(config, required), saturation(config)
+    rest, (most, limit) = np.linalg.norm(rest_field(config), axis=1), loudest(config, required)
+    holds = quiet_enough(config, required)
     share = (most / limit).max(axis=1)
     rows = tuple(
         (i + 1, 1e3 * rest[i], *(1e3 * most[i]), 100 * share[i], 'yes' if holds[i] else 'no')
         for i in range(len(rest))
     )
-    says = 'holds' if holds.all() else 'does not hold'
-    notes = (
-        f'Condition 1 {says}: at rest more than {1e6 * required.least_field:g} uT, and no chip '
-        f'saturates up to {required.largest:g} N.',
+    note = (
+        f'Condition 1 {_says(holds.all())}: at rest more than {1e6 * required.least_field:g} uT, '
+        f'and no chip saturates up to {required.largest:g} N.'
     )
     columns = (
         'chip', 'at rest (mT)', 'most x (mT)', 'most y (mT)', 'most z (mT)', 'of its range (%)',
         'holds',
     )  # fmt: skip
-    return Table('condition 1: every chip', columns, rows, notes)
+    return Table('condition 1: every chip', columns, rows, (note,))
+
+
+def _says(holds: bool) -> str:
+    return 'holds' if holds else 'does not hold'
 
 
 def _map(config: MagnetPadConfig, required: Requirements, force: Array) -> Table:
@@ -265,25 +261,22 @@ def _map(config: MagnetPadConfig, required: Requirements, force: Array) -> Table
             row.append(float(force[i]) if near[i] < 1e-5 and np.isfinite(force[i]) else None)
         rows.append(tuple(row))
     most = float(force.max())
-    says = 'holds' if most <= required.force else 'does not hold'
-    notes = (
-        f'Condition 2 {says} for {required.force:g} N: the largest of the map is {most:.3g} N, '
-        f'with changes above {1e6 * required.resolution:g} uT and a tip of '
-        f'{1e3 * required.tip:g} mm.',
+    note = (
+        f'Condition 2 {_says(most <= required.force)} for {required.force:g} N: the largest of '
+        f'the map is {most:.3g} N, with changes above {1e6 * required.resolution:g} uT and a tip of '
+        f'{1e3 * required.tip:g} mm.'
     )
     columns = ('y (mm)', *(f'x = {1e3 * a:.4g} (N)' for a in x))
-    return Table('F_min: least force that is felt in each cell', columns, tuple(rows), notes)
+    return Table('F_min: least force that is felt in each cell', columns, tuple(rows), (note,))
 
 
 def _remedies(config: MagnetPadConfig, required: Requirements, force: Array) -> Table:
     """Remedies of [2] where condition 2 fails, and their gain."""
-    felt, quiet = int((force <= required.force).sum()), quiet_enough(config, required).all()
-    rows = [('none', 'as it is', '-', float(force.max()), felt, 'yes' if quiet else 'no')]
-    for one in remedies(config, required, force):
-        after = least_forces(one.config, required)
-        quiet = quiet_enough(one.config, required).all()
+    rows = []
+    for one in (Remedy('none', 'as it is', '-', config), *remedies(config, required, force)):
+        after, quiet = least_forces(one.config, required), quiet_enough(one.config, required)
         felt = int((after <= required.force).sum())
-        says = 'yes' if quiet else 'no'
+        says = 'yes' if quiet.all() else 'no'
         rows.append((one.what, one.why, one.change, float(after.max()), felt, says))
     notes = () if rows[1:] else ('Nothing to mend: every cell feels the least force.',)
     columns = (
@@ -301,9 +294,9 @@ def _search(
         one = evenly(config, count[0] + 1, count[1] + 1)
         hard = stiffest(one, required)
         soft = softest(one, required, hard)
-        serves = np.isfinite(soft) and 0 < soft <= hard
+        serves = 0 < soft <= hard
         best = float(np.sqrt(soft * hard)) if serves else np.nan
-        place = np.inf
+        place = np.nan
         if serves:
             place = 1e3 * place_bound(replace(one, shear_modulus=best), required, noise)
         rows.append((
@@ -338,28 +331,22 @@ def evenly(config: MagnetPadConfig, magnets: int, chips: int) -> MagnetPadConfig
     places = np.column_stack([along, 0 * along, np.full(magnets, height)])
     under = config.length * ((np.arange(chips) + 0.5) / chips - 0.5)
     return replace(
-        config,
-        magnet_positions=places,
-        magnet_axes=np.tile(config.magnet_axes[:1], (magnets, 1)),
-        positions=np.column_stack([under, 0 * under, 0 * under]),
-        rotations=None,
-    )
+        config, magnet_positions=places, magnet_axes=np.tile(config.magnet_axes[:1], (magnets, 1)),
+        positions=np.column_stack([under, 0 * under, 0 * under]), rotations=None,
+    )  # fmt: skip
 
 
 def softest(config: MagnetPadConfig, required: Requirements, hard: float) -> float:
     """Least shear modulus (Pa) at which condition 1 holds under the largest force; nan: none."""
     if not hard > 0 or not quiet_enough(replace(config, shear_modulus=1e9), required).all():
         return float('nan')
-    low, high = np.log(SOFTEST * hard), np.log(hard)
-    if not _bears(config, required, float(np.exp(high))):
+    if not _bears(config, required, hard):
         return float('inf')
+    low, high = SOFTEST * hard, hard
     for _ in range(ROUNDS):
-        middle = 0.5 * (low + high)
-        if _bears(config, required, float(np.exp(middle))):
-            high = middle
-        else:
-            low = middle
-    return float(np.exp(high))
+        middle = float(np.sqrt(low * high))
+        low, high = (low, middle) if _bears(config, required, middle) else (middle, high)
+    return high
 
 
 def _bears(config: MagnetPadConfig, required: Requirements, modulus: float) -> bool:
