@@ -16,6 +16,12 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 
+def spread_rows(rows: Integers, most: int) -> Integers:
+    """At most so many of rows, evenly spread."""
+    few = np.linspace(0, len(rows) - 1, min(len(rows), most))
+    return np.asarray(rows[few.astype(int)])
+
+
 @dataclass(frozen=True)
 class Selection:
     """Outcome of a choice, with what the winner said about rows that it had not seen."""

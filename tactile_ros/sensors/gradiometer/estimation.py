@@ -32,7 +32,7 @@ from tactile_ros.estimators.model_inversion import (
     calibrate,
     invert,
 )
-from tactile_ros.estimators.model_selection import held_out_report, select
+from tactile_ros.estimators.model_selection import held_out_report, select, spread_rows
 from tactile_ros.estimators.polynomial_force import PolynomialForce, ThermalPolynomial
 from tactile_ros.estimators.regression import Ridge
 from tactile_ros.physics.field_table import SHAPE
@@ -646,12 +646,6 @@ class GradiometerEstimation(Estimation):
 
 SATURATED, STRAY_FIELD = np.int64(FrameStatus.SATURATED), np.int64(FrameStatus.STRAY_FIELD)
 OUT_OF_RANGE, ABSTAINED = np.int64(FrameStatus.OUT_OF_RANGE), np.int64(FrameStatus.ABSTAINED)
-
-
-def spread_rows(rows: Integers, most: int) -> Integers:
-    """At most so many of the rows, evenly spread."""
-    few = np.linspace(0, len(rows) - 1, min(len(rows), most))
-    return np.asarray(rows[few.astype(int)])
 
 
 def relative(errors: Array, spread: Array) -> float:

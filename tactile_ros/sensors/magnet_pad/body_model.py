@@ -17,6 +17,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import least_squares
 from scipy.sparse import csr_array
 
+from tactile_ros.estimators.model_selection import spread_rows
 from tactile_ros.estimators.regression import gaussian
 from tactile_ros.physics.elastomer import disc_press
 from tactile_ros.physics.fidelity import (
@@ -332,7 +333,7 @@ class PadResponse:
         choice = field_choice(self.config, touches, noise)
         self.nodes_, self.choice_ = choice.size[0], choice.report
         pad = Specimens(self.config, self.full_)
-        some = np.unique(np.linspace(0, len(x) - 1, min(len(x), ROWS)).astype(int))
+        some = spread_rows(np.arange(len(x)), ROWS)
         known, wanted = touches[some], x[some]
         sigma = np.sqrt(noise**2 + RIGHT**2 * (wanted * wanted).mean(axis=1, keepdims=True))
 

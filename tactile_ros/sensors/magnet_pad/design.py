@@ -263,8 +263,8 @@ def _map(config: MagnetPadConfig, required: Requirements, force: Array) -> Table
     most = float(force.max())
     note = (
         f'Condition 2 {_says(most <= required.force)} for {required.force:g} N: the largest of '
-        f'the map is {most:.3g} N, with changes above {1e6 * required.resolution:g} uT and a tip of '
-        f'{1e3 * required.tip:g} mm.'
+        f'the map is {most:.3g} N, with changes above {1e6 * required.resolution:g} uT and a '
+        f'tip of {1e3 * required.tip:g} mm.'
     )
     columns = ('y (mm)', *(f'x = {1e3 * a:.4g} (N)' for a in x))
     return Table('F_min: least force that is felt in each cell', columns, tuple(rows), (note,))

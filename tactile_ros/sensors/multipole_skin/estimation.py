@@ -14,6 +14,7 @@ import numpy as np
 from scipy.special import betaincinv
 
 from tactile_ros.estimators.few_shot import Presses, SupportSet, press_patterns
+from tactile_ros.estimators.model_selection import spread_rows
 from tactile_ros.physics.magnetics import rotations
 from tactile_ros.sensors.multipole_skin.press_fit import Labels, learn
 from tactile_ros.sensors.multipole_skin.recogniser import (
@@ -366,7 +367,7 @@ class MultipoleEstimation(Estimation):
         if self.wanted is not None and self.wanted not in NETWORKS:
             return
         if len(rows) > MOST_LEARNED:
-            chosen = np.unique(np.linspace(0, len(rows) - 1, MOST_LEARNED).astype(int))
+            chosen = spread_rows(np.arange(len(rows)), MOST_LEARNED)
             rows, windows = rows[chosen], [windows[i] for i in chosen]
         label = np.asarray(truth.get('label', np.full(len(signals.good), -1)), np.int64)[rows]
         self.first_new_ = max(self.first_new_, int(label.max(initial=-1)) + 1)

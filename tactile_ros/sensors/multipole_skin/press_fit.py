@@ -12,6 +12,8 @@ import numpy as np
 
 from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.few_shot import Rows, choose_metric, press_patterns
+from tactile_ros.estimators.model_selection import spread_rows
+from tactile_ros.estimators.regression import group_folds
 from tactile_ros.estimators.sheet_calibration import (
     NODES,
     LabelledPress,
@@ -29,8 +31,6 @@ from tactile_ros.sensors.multipole_skin.recogniser import (
 )
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
     from tactile_ros.estimators.few_shot import Presses
     from tactile_ros.estimators.press_search import Matches
     from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
@@ -71,19 +71,17 @@ class Labels(Rows):
         group = self.group
         if np.isfinite(self.place[:, :2]).all() and len(self.place):
             grid = np.round(self.place[:, :2] / SAME)
-            places = np.unique(grid, axis=0, return_inverse=True)[1]
+            places = np.unique(grid, axis=0, return_inverse=True)[1].reshape(-1)
             if places.max(initial=0) > 1:
-                group = np.asarray(places).reshape(-1)
+                group = places
         _, first, press = np.unique(self.number, return_index=True, return_inverse=True)
-        return group[first][np.asarray(press).reshape(-1)]
+        return group[first][press.reshape(-1)]
 
     @cached_property
     def folds(self) -> Integers:
         """Fold of each window; groups stay together."""
-        _, number = np.unique(self.groups, return_inverse=True)
-        number = np.asarray(number).reshape(-1)
-        order = np.random.default_rng(0).permutation(number.max(initial=-1) + 1)
-        return np.asarray(order[number] % FOLDS, np.int64)
+        number = np.unique(self.groups, return_inverse=True)[1].reshape(-1)
+        return group_folds(number, FOLDS, seed=0)
 
 
 def drawn_skin(config: MultipoleSkinConfig) -> SkinModel:
@@ -166,7 +164,7 @@ def _fit_sheet(
     tried = rows if len(rows) >= FEWEST else np.arange(len(presses.pattern))
     if len(tried) < FEWEST or (described and len(rows) < FEWEST):
         return presses, {}
-    tried = _spread_out(tried, MOST_TRIED if described else MOST_STANDING)
+    tried = spread_rows(tried, MOST_TRIED if described else MOST_STANDING)
     label = labels.label[tried]
     seen = np.unique(label) if described else np.arange(0)
     column = np.searchsorted(seen, label) if described else None
@@ -184,7 +182,7 @@ def _fit_sheet(
     kept = np.flatnonzero(turned | (near & (described | (cost <= np.median(cost)))))
     if len(kept) < FEWEST:
         return presses, {}
-    kept = _spread_out(kept, MOST_FITTED)
+    kept = spread_rows(kept, MOST_FITTED)
     variance = presses.variance(recogniser.noise, recogniser.still_)
     known = [
         LabelledPress(
@@ -216,11 +214,6 @@ def class_heads(matches: Matches, label: Integers) -> Integers:
     open.
     """
     return np.array([matches.cost[label == one].sum(axis=0).argmin() for one in label])
-
-
-def _spread_out(rows: npt.NDArray[np.intp], most: int) -> npt.NDArray[np.intp]:
-    """At most so many of rows, evenly spread."""
-    return rows[np.unique(np.linspace(0, len(rows) - 1, most).astype(int))] if len(rows) else rows
 
 
 def _turning(
