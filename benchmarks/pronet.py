@@ -165,7 +165,7 @@ def answered(ours: Recogniser, windows: Array, label: Array, known: Array, asked
     lessons = press_patterns(list(windows[known].astype(float)), ours.basis)
     presses = press_patterns(list(windows[asked].astype(float)), ours.basis)
     means = ours.supports(lessons, label[known], known).averaged(ours.basis)
-    score = support_scores(means, presses, ours.noise, ours.common, ours.still_, ours.metric_)
+    score = support_scores(means, presses, ours.noise, ours.common, ours.still_)
     return np.asarray(means.label[score.argmin(axis=1)])
 
 

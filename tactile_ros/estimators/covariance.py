@@ -9,39 +9,12 @@ import numpy as np
 from scipy.special import stdtrit
 
 from tactile_ros.estimators.regression import fitted
-from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array, Bools, Integers, as_shape
 
 ONE_SIGMA = 0.6827
 GROWTHS = 0.03 * 2.0 ** np.arange(9)  # of the variance, per squared distance
 USUAL_GROWTH = 0.1
 MARGIN = 1.2  # times the largest distance of a training reading: from there on out of range
-
-
-@compiled
-def scale_covariance(
-    covariance: Array, readings: Array, mean: Array, whitening: Array, growth: Array, scale: Array,
-    limit: float, out_of_range: Bools,
-) -> None:  # fmt: skip
-    """Scale covariances (s, l, l) of readings (s, m) in place, and flag those out of range.
-
-    The others are the attributes of `CovarianceModel` of these names; NaN counts as the mean.
-    """
-    for s in range(len(readings)):
-        square = 0.0
-        for i in range(len(mean)):
-            total = 0.0
-            for j in range(i + 1):
-                step = readings[s, j] - mean[j]
-                if math.isfinite(step):
-                    total += whitening[i, j] * step
-            square += total * total
-        beyond = max(1.0, square / (limit * limit))
-        out_of_range[s] = beyond > 1.0
-        for a in range(len(scale)):
-            for b in range(len(scale)):
-                grown = math.sqrt((1.0 + growth[a] * square) * (1.0 + growth[b] * square))
-                covariance[s, a, b] *= scale[a] * scale[b] * beyond * grown
 
 
 class CovarianceModel:
@@ -116,20 +89,19 @@ class CovarianceModel:
         readings = np.ascontiguousarray(readings, np.float64)
         if readings.shape[1:] != self.mean_.shape:
             readings = as_shape('readings of predict', readings, (-1, len(self.mean_)))
-        covariance = np.empty((len(readings), len(self.scale_), len(self.scale_)))
-        if stated is None:
-            covariance[:] = self.correlation_
-        elif stated.ndim == 2:
-            np.multiply(stated[:, :, None], stated[:, None, :], out=covariance)
-            covariance *= self.correlation_
-        else:
-            covariance[:] = stated
-        out_of_range = np.empty(len(readings), np.bool_)
-        scale_covariance(
-            covariance, readings, self.mean_, self.whitening_, self.growth_, self.scale_,
-            self.limit_, out_of_range,
-        )  # fmt: skip
-        return covariance, out_of_range
+        square = self._squared_distance(readings)
+        beyond = np.maximum(1.0, square / self.limit_**2)
+        sigma = self.scale_ * np.sqrt(beyond[:, None] * (1 + self.growth_ * square[:, None]))
+        if stated is None or stated.ndim == 2:
+            sigma = sigma if stated is None else stated * sigma
+            stated = self.correlation_
+        return stated * sigma[:, :, None] * sigma[:, None, :], beyond > 1.0
+
+    def _squared_distance(self, readings: Array) -> Array:
+        """Squared distance (s,) of readings (s, m); NaN counts as the mean."""
+        step = readings - self.mean_
+        step = np.where(np.isfinite(step), step, 0.0)
+        return np.square(np.einsum('ij,sj->si', self.whitening_, step)).sum(axis=1)
 
     def _fit_distance(self, readings: Array) -> Array:
         """Learn the distance; return its square for each row (s,)."""
@@ -144,7 +116,7 @@ class CovarianceModel:
         shrink = 0.01 + width / (width + 10.0 * len(unit))
         shape = (1 - shrink) * (unit.T @ unit) / len(unit) + shrink * np.eye(width)
         self.whitening_ = np.linalg.inv(np.linalg.cholesky(shape)) * gain
-        square = ((step @ self.whitening_.T) ** 2).sum(axis=1)
+        square = self._squared_distance(readings)
         norm = max(float(square.mean()), 1e-12)
         self.whitening_ /= math.sqrt(norm)
         self.limit_ = MARGIN * math.sqrt(max(float(square.max()) / norm, 1.0))

@@ -9,14 +9,12 @@ which those that carry nothing are left out.
 
 from __future__ import annotations
 
-import math
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from tactile_ros.estimators.regression import fitted, training_rows
-from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array, Integers, as_shape
 
 LEAST_SHARE = 1e-10
@@ -37,7 +35,6 @@ class PolynomialForce:
         rows = training_rows(x, y, groups)
         size = float(np.sqrt((gradient_field(rows.x) ** 2).mean()))
         self.size_ = size if size > 0 else 1.0
-        vars(self).pop('_folded', None)
         raw = products(gradient_field(rows.x) / self.size_)
         self.mean_, spread = raw.mean(axis=0), raw.std(axis=0)
         self.spread_ = np.where(spread > 0, spread, 1.0)
@@ -54,16 +51,8 @@ class PolynomialForce:
         fitted(self, 'weights_')
         width = int(np.sqrt(2 * len(self.mean_))) // 3 * 2
         x = as_shape('x of predict', x, (-1, width))
-        y = np.empty((len(x), len(self.level_)))
-        weights, level = self._folded
-        chain_rows(x, self.size_, weights, level, y)
-        return y
-
-    @cached_property
-    def _folded(self) -> tuple[Array, Array]:
-        """Weights (p, k) and level (k,) of features that are not standardised."""
-        weights = np.ascontiguousarray(self.weights_ / self.spread_[:, None])
-        return weights, np.asarray(self.level_ - self.mean_ @ weights)
+        terms = products(gradient_field(x) / self.size_)
+        return np.asarray((terms - self.mean_) / self.spread_ @ self.weights_ + self.level_)
 
 
 def gradient_field(x: Array) -> Array:
@@ -86,30 +75,6 @@ def _pairs(width: int) -> tuple[Integers, Integers]:
     """Every pair of features."""
     first, second = np.triu_indices(width)
     return first, second
-
-
-@compiled
-def chain_rows(x: Array, size: float, weights: Array, level: Array, y: Array) -> None:
-    """The chain row by row, for a compiler: targets (s, k) of fields (s, 2 t)."""
-    pixels, outputs = x.shape[1] // 2, weights.shape[1]
-    wide, total = np.ones(1 + 3 * pixels), np.empty(outputs)
-    for s in range(len(x)):
-        mean = [0.0, 0.0]
-        for i in range(2 * pixels):
-            mean[i % 2] += x[s, i]
-        for i in range(2 * pixels):
-            wide[1 + i] = (x[s, i] - mean[i % 2] / pixels) / size
-        for p in range(pixels):
-            wide[1 + 2 * pixels + p] = math.sqrt(wide[1 + 2 * p] ** 2 + wide[2 + 2 * p] ** 2)
-        for k in range(outputs):
-            total[k] = level[k]
-        feature = 0
-        for i in range(len(wide)):
-            for j in range(i, len(wide)):
-                for k in range(outputs):
-                    total[k] += wide[i] * wide[j] * weights[feature, k]
-                feature += 1
-        y[s, :] = total
 
 
 MOST_ROWS = 1500  # by which alpha is found

@@ -48,7 +48,7 @@ def test_posterior_is_bayes_on_a_fine_grid() -> None:
 
 
 @pytest.mark.parametrize('strength', [0.0, 0.4])
-def test_row_alone_has_the_bits_of_a_batch(strength: float) -> None:
+def test_row_alone_has_the_answer_of_a_batch(strength: float) -> None:
     rng = np.random.default_rng(2)
     x = bent(rng.uniform(-1.2, 1.2, (50, 1)))[0] + NOISE * rng.normal(size=(50, 3))
     one = GaussianSumTable(table(), np.ones((3, 1)), strength, neighbours=9)
@@ -58,7 +58,8 @@ def test_row_alone_has_the_bits_of_a_batch(strength: float) -> None:
     for row in range(0, 50, 7):
         alone = one(x[row : row + 1])
         for name in ('mean', 'cov', 'evidence', 'misfit'):
-            np.testing.assert_array_equal(getattr(alone, name)[0], getattr(seen, name)[row])
+            one_row, among = getattr(alone, name)[0], getattr(seen, name)[row]
+            np.testing.assert_allclose(one_row, among, rtol=1e-9, atol=1e-15)
     places[:, :, 0] = seen.parts[:, :, 0]
     wide = replace(seen, parts=places)
     np.testing.assert_allclose(one.shares(wide, centres).sum(axis=1), 1.0, rtol=1e-12)

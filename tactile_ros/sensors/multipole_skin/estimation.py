@@ -16,7 +16,12 @@ from scipy.special import betaincinv
 from tactile_ros.estimators.few_shot import Presses, SupportSet, press_patterns
 from tactile_ros.estimators.model_selection import spread_rows
 from tactile_ros.physics.magnetics import rotations
-from tactile_ros.sensors.multipole_skin.press_fit import Labels, learn
+from tactile_ros.sensors.multipole_skin.press_fit import (
+    Labels,
+    held_out_scores,
+    learn,
+    nearest_class,
+)
 from tactile_ros.sensors.multipole_skin.recogniser import (
     NETWORKS,
     WEAKEST,
@@ -165,12 +170,13 @@ def lost_by(recogniser: Recogniser, number: int) -> dict[str, float]:
     known = recogniser.known_
     press = np.asarray(np.unique(known.number, return_inverse=True)[1], np.int64).reshape(-1)
     count = int(press.max(initial=-1)) + 1
-    part = press * FOLDS // max(count, 1)
-    lost = np.zeros(count, bool)
-    for fold in np.unique(part):
-        rows = np.flatnonzero(part == fold)
-        presses, seen = known.rows(rows), known.rows(np.flatnonzero(part != fold))
-        now, before = _named(recogniser, presses, seen, number)
+    lost, road = np.zeros(count, bool), recogniser.road_
+    parts = held_out_scores(
+        recogniser, known, recogniser.matches(known), press * FOLDS // max(count, 1), road
+    )
+    for rows, classes, scores, _ in parts:
+        now = nearest_class(classes, scores)
+        before = nearest_class(classes, np.where(classes == number, np.inf, scores))
         lost[press[rows[(now == number) & (before == known.label[rows])]]] = True
     share = float(lost.mean()) if count else float('nan')
     return {
@@ -231,26 +237,13 @@ def _noise_takes(
     if recogniser.search is not None:
         variance = recogniser.search.variance(presses)
     noise = np.random.default_rng(0).normal(size=many.shape)
-    named, _ = _named(
-        recogniser, replace(presses, pattern=many + np.sqrt(variance) * noise),
-        recogniser.known_, number,
-    )  # fmt: skip
+    presses = replace(presses, pattern=many + np.sqrt(variance) * noise)
+    classes, scores, _ = recogniser.scores(
+        presses, recogniser.matches(presses), recogniser.known_, recogniser.road_
+    )
+    named = nearest_class(classes, scores)
     lost = (named == number).reshape(-1, DRAWN).sum(axis=1)
     return dict(zip(patterns, ((lost + 0.5) / (DRAWN + 1)).tolist(), strict=True))
-
-
-def _named(
-    recogniser: Recogniser, presses: Presses, known: SupportSet, number: int
-) -> tuple[Integers, Integers]:
-    """Names of presses (n,) with a class and without it; -1: none."""
-    matches = recogniser.matches(presses)
-    labels, scores, _ = recogniser.scores(presses, matches, known, recogniser.road_)
-    without = np.where(labels == number, np.inf, scores)
-    now, before = (
-        np.where(np.isfinite(some.min(axis=1)), labels[some.argmin(axis=1)], -1)
-        for some in (scores, without)
-    )
-    return now, before
 
 
 def _bound(count: int, of: int) -> float:

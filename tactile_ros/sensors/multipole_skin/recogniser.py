@@ -20,9 +20,8 @@ import numpy as np
 
 from tactile_ros.estimators.embedding import Embedding
 from tactile_ros.estimators.few_shot import (
-    Metric,
+    DIFFERENT,
     SupportSet,
-    prototype_scores,
     share_of,
     support_scores,
     without_field,
@@ -276,9 +275,7 @@ class Recogniser:
     known_, enrolled_ : SupportSet
         Presses of classes that were fitted, and of those enrolled since.
     road_ : str
-        'press_templates', 'press_both', 'press_neighbours' or 'prototypes'.
-    metric_ : Metric
-        Usual differences of presses of one class.
+        'press_templates', 'press_both' or 'press_neighbours'.
     turnings : tuple of float
         Other shares of the body's turns that the skin's magnets may follow.
     still_ : float
@@ -298,7 +295,6 @@ class Recogniser:
         self.turnings: tuple[float, ...] = ()
         self.known_ = self.enrolled_ = SupportSet.empty(len(noise))
         self.road_ = 'press_templates' if model is not None and outlines else 'press_neighbours'
-        self.metric_ = Metric()
         self.covariance_: CovarianceModel | None = None
         self.usual_, self.vary_ = 0.0, UNTOLD
         self.still_ = STILL * float(np.mean(noise))
@@ -419,13 +415,10 @@ class Recogniser:
             columns = {i: (score[:, i], misfit[:, i]) for i in range(score.shape[1])}
         means = self._means(None if road == 'press_templates' else known)
         if means is not None:
-            if road == 'prototypes':
-                score, level = prototype_scores(means, presses, self.basis), np.zeros(n)
-            else:
-                score = support_scores(
-                    means, presses, self.noise, self.common, self.still_, self.metric_
-                )
-                level = self._level(presses)
+            score = support_scores(means, presses, self.noise, self.common, self.still_)
+            noise = presses.variance(self.noise, self.still_)
+            # of repeated presses
+            level = np.log(noise + share_of(presses.pattern, DIFFERENT)).sum(axis=1)
             for label in np.unique(means.label).tolist():
                 best = score[:, means.label == label].min(axis=1)
                 cost = (best - level) / self.spare
@@ -452,18 +445,11 @@ class Recogniser:
         """Supports that prototypes were made from the last time, and they."""
         return []
 
-    def _level(self, presses: Presses) -> Array:
-        """Logarithm of the variance of repeated presses (n,)."""
-        noise = presses.variance(self.noise, self.still_)
-        return np.asarray(
-            np.log(noise + share_of(presses.pattern, self.metric_.share)).sum(axis=1)
-        )
-
     def chances(self, scores: Array, misfits: Array) -> tuple[Array, Array]:
         """Probabilities of classes, shape (n, k), and that it is none of them (n,)."""
         if not scores.shape[1]:
             return scores, np.ones(len(scores))
-        if self.road_ in ('press_neighbours', 'prototypes') and not self.described:
+        if not self.described:
             # nothing is known of how other shapes fit: the nearest class is named
             return class_chances(scores, np.zeros_like(misfits), 0.0, 1.0)
         return class_chances(scores, misfits, self.usual_, self.vary_)
