@@ -50,18 +50,11 @@ class Rows:
 
 @dataclass(frozen=True)
 class Presses(Rows):
-    """Presses (n) of one skin.
+    """Presses (n) of one skin."""
 
-    Attributes
-    ----------
-    pattern : ndarray, shape (n, d)
-        Change of field at a depth near the deepest of the window (T), from all of its frames.
-    frames : ndarray, shape (n,)
-        Frames whose mean has as little noise.
-    """
-
+    # (n, d) change of field at a depth near the deepest of the window (T), from all of its frames
     pattern: Array
-    frames: Array
+    frames: Array  # (n,) whose mean has as little noise
 
     def variance(self, noise: Array, still: float) -> Array:
         """Variance of patterns (n, d) by noise (d,) of frames and errors that do not average."""
@@ -122,23 +115,13 @@ def press_patterns(windows: list[Array], common: Array) -> Presses:
 
 @dataclass(frozen=True)
 class SupportSet(Presses):
-    """Presses (m) by which classes are recognised.
-
-    Attributes
-    ----------
-    label, number : ndarray, shape (m,)
-        Class; press that each is a window of: windows of one press are one piece of evidence.
-    presses : ndarray, shape (m,)
-        How many presses each is the mean of.
-    slopes : ndarray, shape (m, 3, d)
-        Change of the pattern with place (T / m) and turn (T / rad); 0 where unknown.
-    bends : ndarray, shape (m, d)
-        Change with the logarithm of the depth beside its size (T); 0 where unknown.
-    """
+    """Presses (m) by which classes are recognised; slopes and bends are 0 where unknown."""
 
     label: Integers
-    number: Integers
-    presses: Array
+    number: Integers  # of the press that each is a window of: these are one piece of evidence
+    presses: Array  # (m,) that each is the mean of
+    # (m, 3, d) and (m, d) change of the pattern with place (T / m) and turn (T / rad), and with
+    # the logarithm of the depth beside its size (T)
     slopes: Array
     bends: Array
 

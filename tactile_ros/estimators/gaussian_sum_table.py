@@ -52,20 +52,11 @@ class Posterior:
 
 
 class GaussianSumTable:
-    """Table of touches that answers readings.
+    """Table of touches, of which the nearest `neighbours` (m) answer readings.
 
-    Parameters
-    ----------
-    touches : Linearised
-        Of the table.
-    common : ndarray, shape (d, q), or None
-        What outside causes add to the features, a column for each of unit size.
-    strength : float
-        Standard deviation of the causes (unit of the features).
-    neighbours : int
-        Rows that answer (m).
-    told : int or None
-        How many answers have a covariance (c); None: all.
+    What outside causes add to the features is `common` (d, q), a column for each of unit size;
+    `strength` is their standard deviation (unit of the features). The first `told` answers (c)
+    have a covariance; None: all.
 
     Examples
     --------
@@ -176,31 +167,23 @@ class TouchEstimate:
 class TouchPosterior:
     """Posterior of a touch with and without a common cause, which is rare.
 
-    Parameters
-    ----------
-    rows : Linearised
-        Answers are c of the touch, then its reading.
-    common : ndarray, shape (d, q), or None
-        As in `GaussianSumTable`; None: there is no common cause.
-    strength, entry : float
-        Standard deviation of causes (unit of the features); share of them that channels differ by.
-    noise, usual : float
-        Of a channel; misfit that most touches leave.
-    unlike : float
-        Times the usual misfit, from which a common cause is thought of.
+    Answers of the rows are c of the touch, then its reading. `common` (d, q) and `strength` are
+    as in `GaussianSumTable`, None: there is no such cause; `entry` is the share of causes that
+    channels differ by, `noise` of a channel, `usual` the misfit that most touches leave.
     """
 
     NEIGHBOURS, BESIDE = 16, 96
     ODDS = -4.0  # logarithm, of a common cause against none
+    UNLIKE = 4.0  # times the usual misfit, from which a common cause is thought of
 
     def __init__(
         self, rows: Linearised, common: Array | None, strength: float, entry: float, noise: float,
-        usual: float, unlike: float = 4.0,
+        usual: float,
     ) -> None:  # fmt: skip
         channels = rows.readings.shape[1]
         self.told = rows.answers.shape[1] - channels
         self.plain = GaussianSumTable(rows.of(self.told), neighbours=self.NEIGHBOURS)
-        self.common, self.usual, self.unlike, self.entry = common, usual, unlike, entry
+        self.common, self.usual, self.entry = common, usual, entry
         self.blurred = float(np.hypot(noise, entry * strength))
         every = rows.answers[:, : self.told]
         self.prior = every.mean(axis=0), np.cov(every.T, ddof=0).reshape(self.told, -1)
@@ -219,12 +202,12 @@ class TouchPosterior:
         )  # fmt: skip
         # wider where a touch leaves more unexplained than is usual (Birge, Phys. Rev. 40, 1932)
         found.cov[:] *= np.maximum(seen.misfit / self.usual, 1.0)[:, None, None]
-        rows = np.flatnonzero(seen.misfit > self.unlike * self.usual)
+        rows = np.flatnonzero(seen.misfit > self.UNLIKE * self.usual)
         if len(rows):
             if causes:
                 self._blend(found, seen.evidence[rows], x, places, rows)
             # what nothing explains tells nothing
-            share = np.maximum(1 - self.unlike * self.usual / found.misfit[rows], 0.0)[:, None]
+            share = np.maximum(1 - self.UNLIKE * self.usual / found.misfit[rows], 0.0)[:, None]
             found.cov[rows] = _mixed(
                 found.mean[rows], self.prior[0], found.cov[rows], self.prior[1], share
             )

@@ -400,20 +400,10 @@ def calibrate(
 ) -> Calibration:  # fmt: skip
     """Estimate the parameters and the states of all frames together (bundle adjustment).
 
-    Parameters
-    ----------
-    model : ModelPrior
-        Forward models and priors.
-    frames : Frames
-        Readings with priors and noise of their own; see `ModelPrior.frames`.
-    references : ndarray, shape (s, l)
-        Reference answers; NaN: unknown.
-    states, begin : ndarray, shape (s, n) and (k,)
-        Where the descents start; parameters at their prior by default.
-    most_steps, gain : int, float
-        The descent ends after so many steps, or where a step gains less of the cost.
-
-    Raises ValueError if a state is determined neither by readings nor by its prior.
+    References (s, l) are of the answers, NaN: unknown. Descents start at `states` (s, n) and at
+    the parameters `begin` (k,), by default their prior; they end after so many steps, or where one
+    gains less of the cost than `gain`. Raises ValueError if a state is determined neither by
+    readings nor by its prior.
     """
     f, x = (np.array(v, np.float64, order='C') for v in (references, states))
     p = np.array(model.parameters if begin is None else begin, np.float64)

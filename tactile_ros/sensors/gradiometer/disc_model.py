@@ -375,18 +375,10 @@ def disc_prior(
 ) -> ModelPrior:  # fmt: skip
     """Model of a config with its priors: how far specimens differ.
 
-    Parameters
-    ----------
-    answers, scales : list of (str, int), and ndarray, shape (l,)
-        Name and component of what is answered, loads first; size of each.
-    unit : float
-        Length over which places are scaled (mm).
-    usual_c : float
-        Temperature from which others count (degrees Celsius); NaN: none is measured.
-    tared : bool
-        Whether readings are changes since a tare.
-    shape : tuple of int
-        Of the table of the disc's field.
+    Answers are names and components of what is answered, loads first, and `scales` (l,) their
+    sizes. Places are scaled over `unit` (mm), temperatures count from `usual_c` (degrees Celsius;
+    NaN: none is measured), readings are changes since a tare or not, `shape` is of the table of
+    the disc's field.
     """
     pixels, count, axes = config.positions, len(config.positions), chip_axes(config)
     gap, channels, base = config.gap / MM, 2 * count, PER_PIXEL * count

@@ -71,13 +71,10 @@ MORE_STARTS, TINY = 4, 1e-12
 
 
 class GradiometerEstimation(Estimation):
-    """Estimators of one gradiometer.
+    """Estimators of one gradiometer; a fit starts at its config.
 
-    Parameters
-    ----------
-    config : GradiometerConfig     Geometry and materials: where a fit starts. estimator : str or
-    None     One of `ESTIMATORS`; None: the inversion, or the chain of [3] where that errs less on
-    held-out     groups.
+    `estimator` is one of `ESTIMATORS`; None: the inversion, or the chain of [3] where that errs
+    less on held-out groups.
     """
 
     uses_temperature = True

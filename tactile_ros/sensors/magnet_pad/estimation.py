@@ -410,7 +410,7 @@ class Localisation(Recognition):
         for name, column in answered.items():
             whole = len(rows) == len(every)
             known[name] = column if whole else scatter_rows(column, rows, len(every))
-        odd = found.misfit > inversion.posterior.unlike * inversion.misfit_
+        odd = found.misfit > inversion.posterior.UNLIKE * inversion.misfit_
         strong = odd | (np.abs(found.cause) > FIELDS * STRAY).any(axis=1)
         least, most = (inversion.span_ * (1 / MARGIN, MARGIN)) ** 2
         beyond = ~rest & (beyond | (square < least) | (square > most))

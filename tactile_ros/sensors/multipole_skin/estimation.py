@@ -284,38 +284,25 @@ MOST_LEARNED = 1500  # windows
 
 
 class MultipoleEstimation(Estimation):
-    """Estimators of one multipole skin.
+    """Estimators of one multipole skin; a fit starts at its config.
 
-    Parameters
-    ----------
-    config : MultipoleSkinConfig
-        Drawing of the skin: where a fit starts.
-    estimator : str or None
-        A regressor of frames, or a network of [1], which names presses and no more; None: the
-        best of all roads on held-out places.
-
-    Attributes
-    ----------
-    frames_ : Recognition
-        Regressors and votes of frames.
-    recogniser_ : Recogniser or None
-        Of presses; None before a fit, and where a regressor was asked for.
-    network_ : NetworkClasses or None
-        Network of [1], where it is what names known classes.
-    by_press_, names_ : tuple of str
-        Targets of which the recogniser speaks; names of enrolled classes.
+    `estimator` is a regressor of frames, or a network of [1], which names presses and no more;
+    None: the best of all roads on held-out places.
     """
 
     learns_classes = True
 
     def __init__(self, config: MultipoleSkinConfig, estimator: str | None = None) -> None:
+        # regressors and votes of frames
         self.frames_ = Recognition(config, None if estimator in NETWORKS else estimator)
         self.config, self.wanted = config, estimator
-        self.network_: NetworkClasses | None = None
+        self.network_: NetworkClasses | None = None  # where it is what names known classes
+        # of presses; None before a fit, and where a regressor was asked for
         self.recogniser_: Recogniser | None = None
+        # targets of which the recogniser speaks; names of enrolled classes
         self.by_press_: tuple[str, ...] = ()
-        self.press_report_: Report = {}
         self.names_: tuple[str, ...] = ()
+        self.press_report_: Report = {}
         self.first_new_ = len(config.objects)
 
     @property

@@ -257,33 +257,11 @@ class Answers:
 
 
 class Recogniser:
-    """Classes of one skin.
+    """Classes of one skin as it is, its model; None: templates are of no use.
 
-    Parameters
-    ----------
-    model : SkinModel or None
-        The skin as it is; None: templates are of no use.
-    outlines, library : tuple of Outline
-        Heads that have templates, labelled 0, 1, 2 ...; stand-ins where none is described.
-    noise, common : ndarray, shape (d,) and (d, 3)
-        Of a reading (T); readings of a uniform field.
-    error : float
-        Of the model, as a share of what a chip sees.
-
-    Attributes
-    ----------
-    known_, enrolled_ : SupportSet
-        Presses of classes that were fitted, and of those enrolled since.
-    road_ : str
-        'press_templates', 'press_both' or 'press_neighbours'.
-    turnings : tuple of float
-        Other shares of the body's turns that the skin's magnets may follow.
-    still_ : float
-        Error of a pattern that frames do not average (T).
-    covariance_ : CovarianceModel or None
-        Of place and turn, from held-out presses.
-    usual_, vary_ : float
-        Of `usual_misfit`.
+    `outlines` are heads that have templates, labelled 0, 1, 2 ..., and `library` stand-ins where
+    none is described. Of readings are `noise` (d,) (T) and `common` (d, 3), what a uniform field
+    does to them; `error` is of the model, as a share of what a chip sees.
     """
 
     def __init__(
@@ -292,12 +270,15 @@ class Recogniser:
     ) -> None:  # fmt: skip
         self.model, self.outlines, self.library, self.error = model, outlines, library, error
         self.noise, self.common = noise, common
+        # other shares of the body's turns that the skin's magnets may follow
         self.turnings: tuple[float, ...] = ()
+        # presses of classes that were fitted, and of those enrolled since
         self.known_ = self.enrolled_ = SupportSet.empty(len(noise))
+        # 'press_templates', 'press_both' or 'press_neighbours'
         self.road_ = 'press_templates' if model is not None and outlines else 'press_neighbours'
-        self.covariance_: CovarianceModel | None = None
-        self.usual_, self.vary_ = 0.0, UNTOLD
-        self.still_ = STILL * float(np.mean(noise))
+        self.covariance_: CovarianceModel | None = None  # of place and turn, held out
+        self.usual_, self.vary_ = 0.0, UNTOLD  # of `usual_misfit`
+        self.still_ = STILL * float(np.mean(noise))  # of a pattern, not averaged by frames (T)
 
     @cached_property
     def basis(self) -> Array:
