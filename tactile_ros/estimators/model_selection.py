@@ -68,13 +68,13 @@ def select(
         name: np.concatenate([_unseen(candidate, rows, part) for part in parts])
         for name, candidate in candidates.items()
     }
-    errors = {name: _length(answer - rows.y[held]) for name, answer in said.items()}
+    errors = {name: rms_length(answer - rows.y[held]) for name, answer in said.items()}
     name = min(errors, key=lambda key: errors[key])
     chosen = rows.take(held)
     return Selection(name, errors, chosen.x, chosen.y, chosen.groups, said[name])
 
 
-def _length(residuals: Array) -> float:
+def rms_length(residuals: Array) -> float:
     """Root mean square length of residuals (s, k); infinite where a prediction is not finite."""
     length = float(np.sqrt((residuals**2).sum(axis=1).mean()))
     return length if np.isfinite(length) else np.inf

@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.gaussian_sum_table import Linearised, TouchEstimate, TouchPosterior
 from tactile_ros.estimators.grid_knn import GridKnn
+from tactile_ros.estimators.model_selection import held_out_report, rms_length
 from tactile_ros.estimators.regression import group_folds
 from tactile_ros.sensors.magnet_pad.body_model import (
     EDGE,
@@ -231,16 +232,9 @@ class PadInversion:
         self.covariance_ = CovarianceModel().fit(error, stated, groups, x)
         sigma = np.sqrt(np.diagonal(self.covariance_.predict(stated, x)[0], axis1=1, axis2=2))
         for target, part in (('position', slice(0, 3)), ('force', slice(3, 6))):
-            away, other = (np.linalg.norm(e[:, part], axis=1) for e in (error, peer - answers))
-            self.report_[target] = {
-                'held_out_mean': float(away.mean()),
-                'held_out_rmse': float(np.sqrt((away**2).mean())),
-                'inside_one_sigma': float((np.abs(error) <= sigma)[:, part].mean()),
-                'groups': float(len(np.unique(groups))),
-                'rows': float(len(x)),
-                f'rmse_{TABLE}': float(np.sqrt((away**2).mean())),
-                'rmse_grid_knn': float(np.sqrt((other**2).mean())),
-            }
+            away, other = error[:, part], (peer - answers)[:, part]
+            rmse = {TABLE: rms_length(away), 'grid_knn': rms_length(other)}
+            self.report_[target] = held_out_report(away, sigma[:, part], groups, len(x), rmse)
 
     def _unexplained(self, response: PadResponse, touches: Array, x: Array) -> Array:
         """Mean square (s,) (T2) of what no touch near the reference ones explains of readings.
