@@ -56,7 +56,8 @@ class GaussianSumTable:
 
     What outside causes add to the features is `common` (d, q), a column for each of unit size;
     `strength` is their standard deviation (unit of the features). The first `told` answers (c)
-    have a covariance; None: all.
+    have a covariance; None: all. A neighbour may be farther by the share `slack` than one that was
+    passed over, so that odd readings are looked up sooner.
 
     Examples
     --------
@@ -72,10 +73,11 @@ class GaussianSumTable:
 
     def __init__(
         self, touches: Linearised, common: Array | None = None, strength: float = 0.0,
-        neighbours: int = 16, told: int | None = None,
+        neighbours: int = 16, told: int | None = None, slack: float = 0.0,
     ) -> None:  # fmt: skip
         count, channels = touches.readings.shape
-        self.neighbours, self.answers = min(neighbours, count), touches.answers
+        self.neighbours, self.slack = min(neighbours, count), slack
+        self.answers = touches.answers
         self.told = touches.answers.shape[1] if told is None else told
         self.variance = touches.sigma**2
         self.metric, self.volume = _metric(
@@ -105,7 +107,7 @@ class GaussianSumTable:
 
     def _answer(self, x: Array) -> Posterior:
         z = x @ self.metric
-        near = self.tree.query(z, k=np.arange(1, self.neighbours + 1))[1]
+        near = self.tree.query(z, k=np.arange(1, self.neighbours + 1), eps=self.slack)[1]
         miss = z[:, None] - self.samples[near]
         inside = np.matmul(self.turned[near], miss[..., None])[..., 0]
         variance, leads = self.variance[near], self.leads[near]
@@ -172,7 +174,7 @@ class TouchPosterior:
     channels differ by, `noise` of a channel, `usual` the misfit that most touches leave.
     """
 
-    NEIGHBOURS, BESIDE = 16, 96
+    NEIGHBOURS, BESIDE, SLACK = 16, 96, 1.0
     ODDS = -4.0  # logarithm, of a common cause against none
     UNLIKE = 4.0  # times the usual misfit, from which a common cause is thought of
 
@@ -182,7 +184,9 @@ class TouchPosterior:
     ) -> None:  # fmt: skip
         channels = rows.readings.shape[1]
         self.told = rows.answers.shape[1] - channels
-        self.plain = GaussianSumTable(rows.of(self.told), neighbours=self.NEIGHBOURS)
+        self.plain = GaussianSumTable(
+            rows.of(self.told), neighbours=self.NEIGHBOURS, slack=self.SLACK
+        )
         self.common, self.usual, self.entry = common, usual, entry
         self.blurred = float(np.hypot(noise, entry * strength))
         every = rows.answers[:, : self.told]
