@@ -101,7 +101,8 @@ class CovarianceModel:
         """Squared distance (s,) of readings (s, m); NaN counts as the mean."""
         step = readings - self.mean_
         step = np.where(np.isfinite(step), step, 0.0)
-        return np.square(np.einsum('ij,sj->si', self.whitening_, step)).sum(axis=1)
+        unit = np.einsum('ij,sj->si', self.whitening_, step)
+        return np.asarray(np.square(unit).sum(axis=1))
 
     def _fit_distance(self, readings: Array) -> Array:
         """Learn the distance; return its square for each row (s,)."""

@@ -235,8 +235,8 @@ def _first(config: MagnetPadConfig, required: Requirements) -> Table:
         for i in range(len(rest))
     )
     note = (
-        f'Condition 1 {_says(holds.all())}: at rest more than {1e6 * required.least_field:g} uT, '
-        f'and no chip saturates up to {required.largest:g} N.'
+        f'Condition 1 {_says(bool(holds.all()))}: at rest more than '
+        f'{1e6 * required.least_field:g} uT, and no chip saturates up to {required.largest:g} N.'
     )
     columns = (
         'chip', 'at rest (mT)', 'most x (mT)', 'most y (mT)', 'most z (mT)', 'of its range (%)',
