@@ -123,8 +123,7 @@ class GaussianSumTable:
         leads = leads[:, :, : self.told] * np.sqrt(variance)[..., None, None]
         off = (parts - mean[:, None])[..., : self.told, None]
         wide = np.concatenate([leads, off], axis=3) * np.sqrt(weight)[..., None, None]
-        wide = wide.transpose(0, 2, 1, 3).reshape(len(x), self.told, -1)
-        cov = np.matmul(wide, wide.transpose(0, 2, 1))
+        cov = np.einsum('smaq,smbq->sab', wide, wide)
         evidence = (best + np.log(whole))[:, 0]
         return Posterior(mean, cov, evidence, misfit.min(axis=1), parts, weight)
 
