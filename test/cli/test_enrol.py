@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from reference import enrolled_skin
+from reference.failing_frames import fail_at
 from tactile_ros.cli.main import main
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.recording_files import LoadedRecording, save_recording
@@ -18,7 +19,6 @@ from tactile_ros.types import Frame, Recording
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from tactile_ros.types import Columns, Signals
 
 SPEC = enrolled_skin.SPEC
 
@@ -72,16 +72,7 @@ def test_frames_that_fail_are_told_where_no_press_is_left(
 ) -> None:
     run, pipeline = live_run(enrolled_skin.new_head(2)), SPEC.load(taught_skin)
     stamps = run.recording.stamp_ns[failing]
-    kind = type(pipeline.estimation)
-    healthy = kind.estimate
-
-    def estimate(self: object, signals: Signals, memory: object) -> Columns:
-        if np.isin(signals.stamp_ns, stamps).any():
-            msg = 'Singular matrix'
-            raise np.linalg.LinAlgError(msg)
-        return healthy(self, signals, memory)
-
-    monkeypatch.setattr(kind, 'estimate', estimate)
+    fail_at(monkeypatch, pipeline, stamps)
     if failing.start:  # at rest
         assert len(presses_in(run, pipeline)) == 2
     else:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from reference.failing_frames import fail_at
 from tactile_ros.cli import view
 from tactile_ros.cli.main import main
 from tactile_ros.evaluation.recording_files import LoadedRecording, load_recording
@@ -15,8 +16,6 @@ from tactile_ros.sensors import load_sensor
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from tactile_ros.types import Columns, Signals
 
 
 @pytest.mark.parametrize(
@@ -48,16 +47,7 @@ def test_a_frame_that_cannot_be_estimated_is_told_and_shown_as_lost(
 ) -> None:
     pipeline = load_sensor('reskin_board').load(board_files / 'a.npz')
     few = load_recording(board_files / 'presses.npz').select(slice(0, 20))
-    kind = type(pipeline.estimation)
-    healthy = kind.estimate
-
-    def estimate(self: object, signals: Signals, memory: object) -> Columns:
-        if (signals.values == few.values[7]).all(axis=(1, 2)).any():
-            msg = 'Singular matrix'
-            raise np.linalg.LinAlgError(msg)
-        return healthy(self, signals, memory)
-
-    monkeypatch.setattr(kind, 'estimate', estimate)
+    fail_at(monkeypatch, pipeline, few.stamp_ns[7])
     shown = list(view.played(LoadedRecording('few', few), pipeline))
     assert [state.valid for _, _, state in shown] == [row != 7 for row in range(20)]
     assert 'few: 1 frames cannot be estimated and count as lost' in capsys.readouterr().err

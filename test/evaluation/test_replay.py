@@ -17,6 +17,7 @@ import pytest
 
 from reference import enrolled_skin
 from reference import made_bags as make
+from reference.failing_frames import fail_at
 from tactile_ros.action import Enrol
 from tactile_ros.conditioning.baseline import tare_means, tare_runs
 from tactile_ros.evaluation.fleet import evaluate_bag
@@ -54,7 +55,6 @@ if TYPE_CHECKING:
 
     from tactile_ros.enrolment import ClassChange
     from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import Columns, Signals
 
 STEP_NS = 20_000_000
 
@@ -182,21 +182,6 @@ def test_a_frame_that_fails_costs_itself_alone(
     for agreement in (slow.agreement, answer.agreement):
         assert agreement.frames == 330
         assert (agreement.largest <= 1e-12) == fails_live
-
-
-def fail_at(monkeypatch: pytest.MonkeyPatch, pipeline: Pipeline, stamps: object) -> None:
-    """Let the estimator fail at frames, when it has changed its memory."""
-    kind = type(pipeline.estimation)
-    healthy = kind.estimate
-
-    def estimate(self: object, signals: Signals, memory: object) -> Columns:
-        known = healthy(self, signals, memory)
-        if np.isin(signals.stamp_ns, stamps).any():
-            msg = 'Singular matrix'
-            raise np.linalg.LinAlgError(msg)
-        return known
-
-    monkeypatch.setattr(kind, 'estimate', estimate)
 
 
 def test_a_live_run_without_tracking_is_replayed_without(
