@@ -196,7 +196,8 @@ class RobotDescription:
         if apart > WIDEST:  # false of NaN
             msg = (
                 f'thumb and fingers of robot_description are {1e3 * apart:.0f} mm apart where '
-                f'{hand} has closed: its postures are of another hand, a right one say'
+                f'{hand} has closed: its postures are of another hand, of the other side say '
+                '(names of left ones end in _left)'
             )
             raise ValueError(msg)
 

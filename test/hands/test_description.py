@@ -214,3 +214,16 @@ def test_load_hand_lists_the_hands() -> None:
     with pytest.raises(ValueError, match='cannot be read'):
         load_hand('/nowhere/hand.yaml')
     assert folder() is not None
+
+
+@pytest.mark.parametrize('name', ['allegro_v5', 'allegro_v5_pinch'])
+def test_a_left_v5_is_the_right_one_in_a_mirror(name: str) -> None:
+    """Spreads and thumb turn the other way, and its second joint counts from pi."""
+    right, left = load_hand(name), load_hand(f'{name}_left')
+    for key, finger in right.fingers.items():
+        sign = np.array([-1.0] * 4 if key == 'thumb' else [-1.0, 1.0, 1.0, 1.0])
+        offset = np.array([0.0, np.pi if key == 'thumb' else 0.0, 0.0, 0.0])
+        for closure in (0.0, finger.corner, 1.0):
+            mirrored = sign * finger.posture(closure) + offset
+            np.testing.assert_allclose(left.fingers[key].posture(closure), mirrored, atol=1e-4)
+        assert left.fingers[key].stiffness == pytest.approx(finger.stiffness)
