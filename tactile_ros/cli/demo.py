@@ -37,6 +37,7 @@ from tactile_ros.cli.console import SHARE, show, working
 from tactile_ros.cli.record import wait, wait_for_frames
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation import fleet
+from tactile_ros.evaluation.metrics import times_of
 from tactile_ros.evaluation.recording_files import LoadedRecording, load, save_recording
 from tactile_ros.evaluation.report import Dataset, Result, provenance, table, write_report
 from tactile_ros.files import UNFINISHED
@@ -241,9 +242,10 @@ def measure(chosen: list[Part], output: Path, say: Say) -> tuple[Dataset, ...]:
             with working(f'fitting {part.name}', expected=left):
                 for fit in wanted:
                     fit.result()
-            stamps, rows = part.played.stamp_ns, len(part.played)
-            seconds = 0 if stamps is None else 1e-9 * (stamps[-1] - stamps[0]) / part.speed_up
-            say(f'{part.name}: {rows} rows through the graph, {part.speed_up:g}x, {seconds:.0f} s')
+            seconds = np.nan_to_num(np.ptp(times_of(part.played))) / part.speed_up
+            about = f', about {seconds:.0f} s' if part.in_time else ''
+            rows = f'{len(part.played)} rows through the graph, {part.speed_up:g}x'
+            say(f'{part.name}: {rows}{about}')
             say(f'{part.name}: {play(part, output)}')
     finally:
         pool.shutdown(cancel_futures=True)

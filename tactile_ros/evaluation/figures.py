@@ -691,19 +691,24 @@ def confusion_figure(errors: ClassErrors) -> Figure:
     return Figure(f'Which {name} is taken for which', caption, (plot,), CONFUSION_KEY)
 
 
+def contact_sentence(errors: ContactErrors) -> str:
+    """Contacts that are found, false ones at rest, and the time until a release is told."""
+    rest, firm, said = int((~errors.touched).sum()), int(errors.firm.sum()), []
+    if firm:
+        said.append(f'{rounded(errors.found)} % of {firm:,} frames of {LEAST_TOUCH:g} N or more '
+                    'are found')  # fmt: skip
+    if rest:
+        said.append(f'{rounded(errors.contact_at_rest)} % of {rest:,} at rest are called contacts')
+    if len(errors.release_s):
+        half, most = (quantity(one, 's') for one in np.percentile(errors.release_s, [50, 95]))
+        said.append(f'release is told after {half}, 95 % within {most}')
+    return '; '.join(said)
+
+
 def contact(errors: ContactErrors) -> Figure:
     """Contact told against truth, and what a threshold of the estimated force would do."""
     plots = [confusion_plot(errors.table, 'contact (0 none, 1)', 'Contact told against truth')]
-    text = (
-        f'{rounded(errors.found)} % of {errors.firm.sum():,} touched frames ({LEAST_TOUCH:g} N or '
-        f'more) are found; {rounded(errors.contact_at_rest)} % of {(~errors.touched).sum():,} at '
-        'rest are called contacts'
-    )
-    if len(errors.release_s):
-        half, most = np.percentile(errors.release_s, [50, 95])
-        text += (
-            f'; unloading is told after {quantity(half, "s")}, 95 % within {quantity(most, "s")}'
-        )
+    text = contact_sentence(errors)
     rest, touched = (
         np.sort(one[np.isfinite(one)])
         for one in (errors.estimate[~errors.touched], errors.estimate[errors.firm])

@@ -167,8 +167,8 @@ def class_errors(truth: Columns, states: ContactStates) -> tuple[ClassErrors, ..
 class ContactErrors:
     """Contact as it is told in n frames that are known as touched or at rest.
 
-    A frame is at rest where truth says so, in a tare, or where a load cell along z tells nothing;
-    it is touched where truth says so, places a contact, or tells `LEAST_TOUCH` or more.
+    A frame is at rest where truth says so, or a load cell along z tells nothing; it is touched
+    where truth says so, places a contact, or tells `LEAST_TOUCH` or more. Tares are in neither.
     """
 
     touched: Bools  # (n,)
@@ -218,12 +218,13 @@ def contact_errors(recording: Recording, states: ContactStates) -> ContactErrors
     )
     tare = np.zeros(len(told), bool) if recording.tare is None else recording.tare
     calm = calm_rows(recording) & np.isfinite(force[:, 2])
-    rest = (known == 0) | ((known < 0) & (calm | tare))
-    touched = ~rest & (touched_rows(recording) | (known == 1) | (size >= LEAST_TOUCH))
+    rest = ((known == 0) | ((known < 0) & calm)) & ~tare
+    touched = ~rest & ~tare & (touched_rows(recording) | (known == 1) | (size >= LEAST_TOUCH))
     rows = np.flatnonzero(rest | touched)
     if not len(rows) or (told[rows] < 0).all():
         return None
-    release = _release_times(recording, np.where(touched, 1, np.where(rest, 0, -1)), told, tare)
+    true = np.where(touched, 1, np.where(rest | tare, 0, -1))
+    release = _release_times(recording, true, told, tare)
     return ContactErrors(touched[rows], told[rows], size[rows], estimate[rows], release)
 
 

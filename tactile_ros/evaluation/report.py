@@ -301,7 +301,6 @@ CELLS: dict[str, Callable[[Dataset, Answer], Cell]] = {
     'calibration': lambda _, a: a.calibration,
     'false contacts (%)': lambda _, a: a.contact.contact_at_rest if a.contact else None,
     'contacts found (%)': lambda _, a: a.contact.found if a.contact else None,
-    'release (s)': lambda _, a: metrics.spread(a.contact.release_s).p95 if a.contact else None,
     'place mean (mm)': lambda _, a: _place(a, 'mean'),
     'place, untared (mm)': lambda _, a: _place(a.untared, 'mean'),
     'p50': lambda _, a: _place(a, 'p50'),
@@ -433,12 +432,7 @@ def headline(result: Result) -> list[tuple[str, str, str]]:
     found, answers = [], [one.answers[0] for one in result.datasets if one.answers]
     if parts := [answer.contact for answer in answers if answer.contact]:
         touch = metrics.ContactErrors.pool(parts)
-        words = f'Is something touching? contacts above {metrics.LEAST_TOUCH:g} N that are found; '
-        words += f'{figure_text(touch.contact_at_rest)} % of frames at rest are false contacts'
-        if len(touch.release_s):
-            words += (
-                f', release is told after {quantity(metrics.spread(touch.release_s).p95, "s")}'
-            )
+        words = f'Is something touching? {figures.contact_sentence(touch)}'
         found.append((figure_text(touch.found), '%', words))
     for name, words in wanted.items():
         targets = [(one.target(name), one.untared) for one in answers]

@@ -166,10 +166,10 @@ def test_contact_is_judged_at_rest_by_force_and_at_its_end() -> None:
     states = ContactStates.assemble(12, 5, {'in_contact': told, 'force': force})
     found = contact_errors(recording, states)
     assert found is not None
-    assert found.touched.tolist() == [*[False] * 2, *[True] * 3, *[False] * 3, True, *[False] * 2]
-    assert found.contact_at_rest == pytest.approx(300 / 7)  # 7 frames at rest
+    assert found.touched.tolist() == [*[False] * 2, *[True] * 3, *[False] * 3, True, False]
+    assert found.contact_at_rest == 50.0  # of 6 frames
     assert found.found == 75.0
-    np.testing.assert_allclose(found.table, [[300 / 7, 300 / 7], [25, 75]])
+    np.testing.assert_allclose(found.table, [[100 / 3, 50], [25, 75]])
     assert found.release_s == pytest.approx([0.2])  # a tare is no release
     twice = ContactErrors.pool([found, found])
     assert (twice.found, len(twice.release_s)) == (75.0, 2)
