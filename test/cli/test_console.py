@@ -48,7 +48,7 @@ def test_working_says_what_takes_long() -> None:
         pass
     for stream in (file, terminal):
         with working('fitting', stream, patience_s=0.0):
-            assert stream.written.wait(10.0)
+            assert stream.written.wait(60.0)
     assert (quick.getvalue(), file.getvalue()) == ('', 'fitting ...\n')
     assert terminal.getvalue().startswith('\rfitting ... ')
     assert terminal.getvalue().endswith('\r\033[K')
@@ -74,7 +74,7 @@ def fail() -> None:
 @pytest.mark.parametrize(('work', 'share_s'), [(spend, 0.02), (fail, 0.0)])
 def test_time_estimate_is_that_of_the_part(work: object, share_s: float) -> None:
     with TimeEstimate(work) as estimate:  # type: ignore[arg-type]
-        estimate._beside.join(20.0)
+        estimate._beside.join(120.0)
         assert estimate._beside.exitcode == 0
         assert share_s * SHARE <= estimate.expected_s <= 10 * share_s * SHARE
 

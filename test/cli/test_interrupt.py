@@ -35,7 +35,7 @@ def test_interrupt_ends_a_command_in_one_line(words: str, after_s: float, tmp_pa
             process.wait(after_s)  # the moment is the case
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGINT)
-        _, said = process.communicate(timeout=60)
+        _, said = process.communicate(timeout=120)
     assert process.returncode == 130
     assert 'Traceback' not in said
     assert said.splitlines()[-1] == 'tactile: interrupted'

@@ -59,7 +59,7 @@ def test_new_sensor_is_read_through_a_pseudo_terminal(
     with spec.simulate(config, spec.connection(), lambda t: wanted) as twin:
         own = spec.open(config, spec.connection(port=twin.port), time.monotonic_ns)  # type: ignore[attr-defined]
         with own as device:
-            frames = [device.read(5.0) for _ in range(3)]
+            frames = [device.read(60.0) for _ in range(3)]
     for frame in frames:
         assert np.abs(frame.values - wanted).max() <= 0.51 / 1023
 
