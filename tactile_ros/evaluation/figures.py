@@ -755,16 +755,15 @@ def hysteresis(target: TargetErrors) -> Figure | None:
 
 def _directions(target: TargetErrors) -> tuple[Bools, Bools]:
     """Rows (n,) on the way up and down in true force, without turns, holds there and pauses."""
-    force, step = target.truth[:, :1], np.diff(target.time_s)
+    force, step = target.truth[:, 0], np.diff(target.time_s)
     usual = float(np.nanmedian(step[step > 0])) if (step > 0).any() else 0.0
     restart = np.append(True, ~((step > 0) & (step < 5.0 * usual)))
-    way, band = loading_signs(force, restart)[:, 0], dead_band(force)[0]
+    band = dead_band(force)
+    way = loading_signs(force, restart, band)
     begins = restart | (np.diff(way, prepend=0.0) != 0)
     run, first = np.cumsum(begins) - 1, np.flatnonzero(begins)
-    high = np.fmax.reduceat(force[:, 0], first)[run]
-    low = np.fmin.reduceat(force[:, 0], first)[run]
-    rising = (way > 0) & (force[:, 0] < high - band)
-    return rising, (way < 0) & (force[:, 0] > low + band)
+    high, low = (end.reduceat(force, first)[run] for end in (np.fmax, np.fmin))
+    return (way > 0) & (force < high - band), (way < 0) & (force > low + band)
 
 
 def drift(target: TargetErrors, colour: str, *, since_tare: bool = False) -> Figure | None:

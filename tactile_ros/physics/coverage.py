@@ -240,19 +240,19 @@ class LearnedFields:
     half: float  # half the side of the grid (m)
     sigma: Array  # (k,) prior of a field's amount in parts of that of the first
 
-    def fields(self, radius: float, count: int | None = None) -> ObjectFields:
-        """The first few as a table, mean over discs of a radius (m)."""
+    def fields(self, radius: float) -> ObjectFields:
+        """Table of means over discs of a radius (m)."""
         from scipy.ndimage import zoom
 
         side = self.pictures.shape[1]
         finer = max(int(np.ceil(2 * self.half / (side - 1) / (radius / 2.0))), 1)
         some = [zoom(picture, (finer * (side - 1) + 1) / side, order=1, grid_mode=False)
-                for picture in self.pictures[:count]]  # fmt: skip
+                for picture in self.pictures]  # fmt: skip
         nodes = some[0].shape[0]
         pitch = 2 * self.half / (nodes - 1)
         return ObjectFields(
             _table(some, pitch, radius), nodes, np.full(2, -self.half), pitch,
-            self.sigma[:count], 1, 0.5 * self.half, np.sqrt(2) * self.half, np.zeros(2),
+            self.sigma, 1, 0.5 * self.half, np.sqrt(2) * self.half, np.zeros(2),
             sharp=False,
         )  # fmt: skip
 

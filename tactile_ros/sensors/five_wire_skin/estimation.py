@@ -53,7 +53,6 @@ CONTINUES, ENDS = 1.1, 1.4  # times the largest force: curve is continued, sigma
 USEFUL = 0.9  # of the standard deviation of shear; a regression that leaves more is none
 LONGEST = 4.0  # times the longest hold: slowest creep that it shows
 WORTH = 0.97  # of the static error; creep that takes off less is none
-EDGES, MOST_RATIOS = (0, 1), (1.0, 3.0)  # creep as a whole or by place; ratios of means to force
 FOR_PLACE, FOR_FORCE, CELL = 25, 49, 0.05  # places for a map and a film; of the sheet: one place
 FAR, GAP, NODES = 0.2, 0.02, 41  # of the sheet to the next touch; share of it; grid
 
@@ -233,7 +232,7 @@ class FiveWireEstimation(Estimation):
     ) -> None:
         """Add forces, their covariances, and a flag where they exceed those of the fit."""
         assert self.force_ is not None
-        value, variance = self._normal(signals, self._features(x, place), place, memory)
+        value, variance = self._normal(signals, self._features(x, place), memory)
         force, covariance = np.full((len(x), 3), np.nan), np.full((len(x), 3, 3), np.nan)
         excess = np.maximum(value - CONTINUES * self.most_, 0.0)
         if np.count_nonzero(excess):
@@ -247,7 +246,7 @@ class FiveWireEstimation(Estimation):
         known['force'], known['force_cov'] = force, covariance
 
     def _normal(
-        self, signals: Signals, features: Array, place: Array, memory: FilmMemory
+        self, signals: Signals, features: Array, memory: FilmMemory
     ) -> tuple[Array, Array]:
         """Normal forces (s,) (N) and their variances, without creep where stamps allow it."""
         assert self.force_ is not None
@@ -264,7 +263,7 @@ class FiveWireEstimation(Estimation):
         force, relative = self.crept_.force(features)
         static = np.where(signals.in_contact == 0, 0.0, force)
         static = np.where(signals.good, static, np.nan)
-        force, ratios = memory(self.creep_, static, place, signals.stamp_ns, signals.restart)
+        force, ratios = self.creep_.undo(static, signals.stamp_ns, signals.restart, memory)
         relative = relative + self.creep_.variance(ratios)
         return force, relative * (force - self.crept_.gap_) ** 2
 
@@ -313,12 +312,11 @@ class FiveWireEstimation(Estimation):
         chosen = Choice('', network).fit(network, features[rows], told, group[rows], power)
         self.force_, chosen.name = chosen, self.wanted or chosen.name
         if signals.stamp_ns is not None and chosen.estimator_ is power:
-            self._fit_creep(signals, features, place, force[:, 2], group, rows)
+            self._fit_creep(signals, features, force[:, 2], group, rows)
 
     def _fit_creep(
-        self, signals: Signals, features: Array, place: Array, force: Array, group: Integers,
-        rows: Integers,
-    ) -> None:  # fmt: skip
+        self, signals: Signals, features: Array, force: Array, group: Integers, rows: Integers
+    ) -> None:
         """Fit shares of the past beside the static curve, kept where they help held-out places."""
         assert self.force_ is not None
         assert signals.stamp_ns is not None
@@ -327,23 +325,19 @@ class FiveWireEstimation(Estimation):
         past = np.where(np.isfinite(force), force, static.force(features)[0])
         past = np.where(signals.in_contact == 0, 0.0, past)
         past = np.where(signals.good | (signals.in_contact == 0), past, np.nan)
-        best = WORTH * self.force_.report_['held_out_rmse']
         # nothing distinguishes slower ones from a wrong curve
         shown = np.flatnonzero(LONGEST * longest_hold(signals) >= TIME_CONSTANTS)
-        for local in EDGES:
-            for most in MOST_RATIOS:
-                creep = FilmCreep(self.touch_edge if local else np.inf, most, static.gap_)
-                _, ratios = FilmMemory()(creep, past, place, signals.stamp_ns, signals.restart)
-                model = PowerLawForce(static.noise, self.size, self.series)
-                x = np.column_stack([features, ratios[:, shown]])[rows]
-                error = model.fit_held_out(x, force[rows, None], group[rows], static)[0]
-                if (size := float(np.sqrt(np.nanmean(error**2)))) < best:
-                    best, self.creep_, self.crept_ = size, creep, model
-                    creep.shares_[shown] = model.linear_
-                    creep.covariance_[np.ix_(shown, shown)] = model.linear_covariance_
-                    creep.report_ = {'held_out_rmse': self.force_.report_['held_out_rmse']}
-        if self.creep_ is not None:
-            self.force_.report_['held_out_rmse'] = best
+        creep, model = FilmCreep(static.gap_), PowerLawForce(static.noise, self.size, self.series)
+        ratios = creep.undo(past, signals.stamp_ns, signals.restart, FilmMemory())[1]
+        x = np.column_stack([features, ratios[:, shown]])[rows]
+        error = model.fit_held_out(x, force[rows, None], group[rows], static)[0]
+        size, before = float(np.sqrt(np.nanmean(error**2))), self.force_.report_['held_out_rmse']
+        if size < WORTH * before:
+            self.creep_, self.crept_ = creep, model
+            creep.shares_[shown] = model.linear_
+            creep.covariance_[np.ix_(shown, shown)] = model.linear_covariance_
+            creep.report_ = {'held_out_rmse': before}
+            self.force_.report_['held_out_rmse'] = size
 
     def _fit_shear(self, x: Array, force: Array, group: Integers, good: Bools) -> None:
         """Fit shear, which the skin does not feel: only where truth and place determine it."""

@@ -6,8 +6,7 @@ then read garbage, in the baseline too. Where rests show that, potentials are ta
 read, and only the divider is less its baseline.
 
 The logarithm of the force is the static curve's plus shares of fading means of the past force, in
-units of the force now. A touch elsewhere meets fresh film; one that is drawn along leaves behind
-what has crept, where the recording shows that.
+units of the force now.
 """
 
 from __future__ import annotations
@@ -147,115 +146,90 @@ class ContactGate:
 
 TIME_CONSTANTS = np.array([0.3, 1.0, 4.0, 16.0, 64.0])  # s
 VARIATION = 0.15  # of what is taken off: no two places of a film creep alike
-STILL = 0.05  # of the touch's edge: moves that are noise
+MOST_RATIO = 3.0  # of a fading mean to the force now
 ROUNDS = 3  # in which a force and its own share of the means settle
-FORCE, X, Y, MEANS = 0, 1, 2, 3  # columns of the state
-
-
-@compiled
-def overlap(state: Array, x: float, y: float, edge: float) -> float:
-    """Share of a touch at a place with the one of the state, which follows it."""
-    share = 1.0
-    for i, now in ((X, x), (Y, y)):
-        if math.isnan(state[i]):
-            state[i] = now
-        off = now - state[i]
-        moved = max(abs(off) - STILL * edge, 0.0)
-        share *= max(1.0 - moved / edge, 0.0)
-        state[i] += math.copysign(moved, off)
-    return share
 
 
 @compiled
 def creep_rows(
-    static: Array, places: Array, stamp_ns: Integers, restart: Bools, rates: Array, law: Array,
-    shares: Array, state: Array, clock: Integers, force: Array, ratios: Array,
+    static: Array, stamp_ns: Integers, restart: Bools, rates: Array, gap: float, shares: Array,
+    state: Array, clock: Integers, force: Array, ratios: Array,
 ) -> None:  # fmt: skip
     """Write forces (s,) without creep and the fading means over them (s, m).
 
     `static` (s,) are forces of the static curve: 0 where nothing touches; NaN: unusable, the last
-    one holds. `rates` (m,) are 1 / time constants, `law` (3,) the edge of a touch (m), the largest
-    ratio and the force of the air gap (N), `shares` (m,) those of the ratios in the logarithm of
-    the force. Of the stream, `state` (3 + m,) holds last force, place and means, `clock` (2,)
-    whether it has begun, and its newest stamp.
+    one holds. `rates` (m,) are 1 / time constants, `gap` the force of the air gap (N), `shares`
+    (m,) those of the ratios in the logarithm of the force. Of the stream, `state` (1 + m,) holds
+    last force and means, `clock` (2,) whether it has begun, and its newest stamp.
     """
     count = len(rates)
     means, old, fresh = np.empty(count), np.empty(count), np.empty(count)
     for s in range(len(static)):
         begins = restart[s] or clock[0] == 0
         if begins:
-            state[:], state[X], state[Y] = 0.0, math.nan, math.nan
+            state[:] = 0.0
             clock[0], clock[1] = 1, stamp_ns[s]
         elapsed = max(stamp_ns[s] - clock[1], 0) * 1e-9
         newer, held = elapsed > 0.0, math.isnan(static[s])
-        share = 1.0
-        if newer and static[s] > 0.0 and math.isfinite(law[0]) and math.isfinite(places[s, 0]):
-            share = overlap(state, places[s, 0], places[s, 1], law[0])
         for i in range(count):
-            old[i], fresh[i] = state[MEANS + i], 0.0
+            old[i], fresh[i] = state[1 + i], 0.0
             if newer:
                 phase = rates[i] * elapsed
                 decay, average = math.exp(-phase), -math.expm1(-phase) / phase
-                old[i] = share * (decay * old[i] + (average - decay) * state[FORCE])
+                old[i] = decay * old[i] + (average - decay) * state[0]
                 fresh[i] = 1.0 - average
-        now = state[FORCE] if held else static[s]
-        first = now - law[2]
+        now = state[0] if held else static[s]
+        first = now - gap
         for _ in range(ROUNDS):
             total = 0.0
             for i in range(count):
                 means[i] = old[i] + fresh[i] * now
-                ratios[s, i] = min(means[i] / now, law[1]) if now > 0.0 else 0.0
+                ratios[s, i] = min(means[i] / now, MOST_RATIO) if now > 0.0 else 0.0
                 total += shares[i] * ratios[s, i]
-            if not held and now > law[2]:
-                now = first * math.exp(total) + law[2]
+            if not held and now > gap:
+                now = first * math.exp(total) + gap
         force[s] = math.nan if held else now
         if newer or begins:
-            state[FORCE], clock[1] = now, stamp_ns[s]
-            state[MEANS:] = means
+            state[0], clock[1] = now, stamp_ns[s]
+            state[1:] = means
 
 
 class FilmMemory:
-    """Past of one stream, one frame at a time or many with the same numbers."""
+    """Past of one stream: last force and its fading means; whether it has begun, newest stamp."""
 
     def __init__(self) -> None:
-        self._state = np.zeros(MEANS + len(TIME_CONSTANTS))
-        self._clock = np.zeros(2, np.int64)
-
-    def __call__(
-        self, creep: FilmCreep, static: Array, places: Array, stamp_ns: Integers, restart: Bools
-    ) -> tuple[Array, Array]:
-        """Forces (s,) (N) without creep, and the ratios (s, m) of the means; see `creep_rows`."""
-        force, ratios = np.empty(len(static)), np.empty((len(static), len(TIME_CONSTANTS)))
-        law = np.array([creep.edge, creep.most, creep.gap])
-        creep_rows(
-            static, places, stamp_ns, restart, 1 / TIME_CONSTANTS, law, creep.shares_,
-            self._state, self._clock, force, ratios,
-        )  # fmt: skip
-        return force, ratios
+        self.state = np.zeros(1 + len(TIME_CONSTANTS))
+        self.clock = np.zeros(2, np.int64)
 
 
 class FilmCreep:
     """Shares of the past in the logarithm of a force.
 
-    Parameters
-    ----------
-    edge : float
-        Of a touch (m), where the past counts by place; infinite: wherever it was.
-    most : float
-        Largest ratio of a fading mean to the force; 1: a film loses what it has crept as the
-        load goes.
-    gap : float
-        Force that the air gap takes, which does not creep (N).
+    The air gap takes the force `gap` (N), which does not creep.
     """
 
-    shares_: Array  # (m,) of the ratios, 0 before a fit
+    shares_: Array  # (m,) of the ratios of fading means to the force, 0 before a fit
     covariance_: Array  # (m, m) theirs
 
-    def __init__(self, edge: float = np.inf, most: float = 1.0, gap: float = 0.0) -> None:
-        self.edge, self.most, self.gap = edge, most, gap
+    def __init__(self, gap: float = 0.0) -> None:
+        self.gap = gap
         self.report_: dict[str, float] = {}
         self.shares_ = np.zeros(len(TIME_CONSTANTS))
         self.covariance_ = np.zeros((len(TIME_CONSTANTS),) * 2)
+
+    def undo(
+        self, static: Array, stamp_ns: Integers, restart: Bools, memory: FilmMemory
+    ) -> tuple[Array, Array]:
+        """Forces (s,) (N) without creep, and the ratios (s, m); see `creep_rows`.
+
+        Frames come one at a time or many at once, with the same numbers.
+        """
+        force, ratios = np.empty(len(static)), np.empty((len(static), len(TIME_CONSTANTS)))
+        creep_rows(
+            static, stamp_ns, restart, 1 / TIME_CONSTANTS, self.gap, self.shares_, memory.state,
+            memory.clock, force, ratios,
+        )  # fmt: skip
+        return force, ratios
 
     def variance(self, ratios: Array) -> Array:
         """Variance (s,) of the logarithm of a force by the shares and their variation."""
