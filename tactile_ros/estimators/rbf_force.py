@@ -10,11 +10,11 @@ centres that coincide; the least squares are solved by singular values.
 from __future__ import annotations
 
 import numpy as np
+from scipy.cluster.vq import kmeans
 
 from tactile_ros.estimators.regression import fitted, predict_rows, training_rows
 from tactile_ros.types import Array, Integers
 
-ROUNDS = 20
 RCOND = 1e-6
 MOST_ROWS = 2000  # k-means and least squares see no more
 
@@ -91,19 +91,8 @@ def k_means(points: Array, count: int, seed: int) -> Array:
     [0.0, 0.2, 1.0]
     """
     different = np.unique(points, axis=0)
-    rng = np.random.default_rng(seed)
-    centres = different[rng.permutation(len(different))[:count]]
-    for _ in range(ROUNDS):
-        apart = (points**2).sum(1)[:, None] - 2 * points @ centres.T + (centres**2).sum(1)
-        nearest = apart.argmin(axis=1)
-        held = np.bincount(nearest, minlength=len(centres))
-        total = np.zeros_like(centres)
-        np.add.at(total, nearest, points)
-        moved = total[held > 0] / held[held > 0, None]
-        if moved.shape == centres.shape and np.allclose(moved, centres, atol=1e-12):
-            break
-        centres = moved
-    return np.unique(centres, axis=0)
+    first = np.random.default_rng(seed).permutation(len(different))[:count]
+    return np.unique(kmeans(points, different[first])[0], axis=0)
 
 
 def _width(centres: Array) -> float:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import stdtrit
 
+from tactile_ros.conditioning.fading_memory import SECONDS_PER_NS, branch_weights
 from tactile_ros.physics.compiled import compiled
 
 if TYPE_CHECKING:
@@ -152,38 +153,34 @@ ROUNDS = 3  # in which a force and its own share of the means settle
 
 @compiled
 def creep_rows(
-    static: Array, stamp_ns: Integers, restart: Bools, rates: Array, gap: float, shares: Array,
+    static: Array, stamp_ns: Integers, restart: Bools, tau: Array, gap: float, shares: Array,
     state: Array, clock: Integers, force: Array, ratios: Array,
 ) -> None:  # fmt: skip
     """Write forces (s,) without creep and the fading means over them (s, m).
 
     `static` (s,) are forces of the static curve: 0 where nothing touches; NaN: unusable, the last
-    one holds. `rates` (m,) are 1 / time constants, `gap` the force of the air gap (N), `shares`
+    one holds. `tau` (m,) are time constants (s), `gap` the force of the air gap (N), `shares`
     (m,) those of the ratios in the logarithm of the force. Of the stream, `state` (1 + m,) holds
     last force and means, `clock` (2,) whether it has begun, and its newest stamp.
     """
-    count = len(rates)
-    means, old, fresh = np.empty(count), np.empty(count), np.empty(count)
+    count, weights = len(tau), np.zeros((3, len(tau)))
+    means = np.empty(count)
     for s in range(len(static)):
         begins = restart[s] or clock[0] == 0
         if begins:
             state[:] = 0.0
             clock[0], clock[1] = 1, stamp_ns[s]
-        elapsed = max(stamp_ns[s] - clock[1], 0) * 1e-9
-        newer, held = elapsed > 0.0, math.isnan(static[s])
-        for i in range(count):
-            old[i], fresh[i] = state[1 + i], 0.0
-            if newer:
-                phase = rates[i] * elapsed
-                decay, average = math.exp(-phase), -math.expm1(-phase) / phase
-                old[i] = decay * old[i] + (average - decay) * state[0]
-                fresh[i] = 1.0 - average
+        newer, held = stamp_ns[s] > clock[1], math.isnan(static[s])
+        weights[0], weights[1:] = 1.0, 0.0
+        if newer:
+            branch_weights((stamp_ns[s] - clock[1]) * SECONDS_PER_NS, tau, weights)
         now = state[0] if held else static[s]
         first = now - gap
         for _ in range(ROUNDS):
             total = 0.0
             for i in range(count):
-                means[i] = old[i] + fresh[i] * now
+                means[i] = weights[0, i] * state[1 + i] + weights[1, i] * state[0]
+                means[i] += weights[2, i] * now
                 ratios[s, i] = min(means[i] / now, MOST_RATIO) if now > 0.0 else 0.0
                 total += shares[i] * ratios[s, i]
             if not held and now > gap:
@@ -226,7 +223,7 @@ class FilmCreep:
         """
         force, ratios = np.empty(len(static)), np.empty((len(static), len(TIME_CONSTANTS)))
         creep_rows(
-            static, stamp_ns, restart, 1 / TIME_CONSTANTS, self.gap, self.shares_, memory.state,
+            static, stamp_ns, restart, TIME_CONSTANTS, self.gap, self.shares_, memory.state,
             memory.clock, force, ratios,
         )  # fmt: skip
         return force, ratios
