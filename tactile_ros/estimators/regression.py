@@ -177,13 +177,9 @@ def ridge_weights(terms: Array, target: Array, strength: float) -> Array:
 
 
 class Ridge:
-    """Polynomial of first or second order with a penalty on the squares of its weights.
+    """Polynomial of second order with a penalty on the squares of its weights.
 
-    Parameters
-    ----------
-    degree : int
-        1 or 2. The second order is left out where it would need more than 600 terms or more
-        terms than there are rows.
+    It is of first order where it would need more than 600 terms or more terms than there are rows.
 
     Examples
     --------
@@ -199,16 +195,13 @@ class Ridge:
     weights_: Array  # (p, k) of the terms (unit of y)
     level_: Array  # (k,) mean of y
 
-    def __init__(self, degree: int = 2) -> None:
-        self.degree = degree
-
     def fit(self, x: Array, y: Array, groups: Integers | None = None) -> Ridge:
         """Learn from features (s, d), targets (s, k) and groups (s,); see `Estimator`."""
         rows = training_rows(x, y, groups)
         self.scale_ = Standardisation().fit(rows.x)
         width = rows.x.shape[1]
         affordable = width * (width + 3) // 2 <= min(MOST_TERMS, len(rows.x))
-        self.degree_ = self.degree if affordable else 1
+        self.degree_ = 2 if affordable else 1
         raw = polynomial(self.scale_(rows.x), self.degree_)
         self.terms_ = Standardisation().fit(raw)
         terms, self.level_ = self.terms_(raw), np.asarray(rows.y.mean(axis=0))

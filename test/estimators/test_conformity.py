@@ -11,7 +11,7 @@ import pytest
 
 from tactile_ros.calibration import flatten, restore
 from tactile_ros.errors import NotCalibratedError
-from tactile_ros.estimators.regression import KernelRidge, Perceptron, Ridge, Standardisation
+from tactile_ros.estimators.regression import KernelRidge, Perceptron, Standardisation
 from tactile_ros.sensors.regression import methods
 from tactile_ros.types import Array, Estimator, Integers
 
@@ -28,7 +28,6 @@ def of_the_page() -> Estimator:
 ESTIMATORS: dict[str, Estimator] = {
     **methods(),
     'of the page': of_the_page(),
-    'linear': Ridge(degree=1),
     'anchored': KernelRidge(common=10.0),
     'perceptron': Perceptron(members=2, width=24, epochs=60),
     'pattern': Perceptron(members=2, width=24, epochs=60, pattern=True),
