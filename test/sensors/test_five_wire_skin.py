@@ -545,7 +545,7 @@ def test_means_of_the_past_are_the_fading_means() -> None:
     ratios = crept().undo(force, stamps, restart, FilmMemory())[1]
     means = FadingMemory(TIME_CONSTANTS)(force[:, None], stamps, restart)[:, :, 0]
     held = np.isfinite(force) & (force > 0) & (np.arange(len(force)) < 80)
-    wanted = np.minimum(means[held], 3.0 * force[held, None])
+    wanted = np.minimum(means[held], force[held, None])
     np.testing.assert_allclose((ratios * force[:, None])[held], wanted, atol=1e-9)
 
 

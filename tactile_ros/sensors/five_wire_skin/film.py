@@ -147,7 +147,7 @@ class ContactGate:
 
 TIME_CONSTANTS = np.array([0.3, 1.0, 4.0, 16.0, 64.0])  # s
 VARIATION = 0.15  # of what is taken off: no two places of a film creep alike
-MOST_RATIO = 3.0  # of a fading mean to the force now
+MOST_RATIO = 1.0  # of a fading mean to the force: a film loses what it has crept as the load goes
 ROUNDS = 3  # in which a force and its own share of the means settle
 
 
