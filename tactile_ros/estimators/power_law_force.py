@@ -2,9 +2,10 @@
 """Force of a touch on a resistive film by a power law whose factors vary smoothly over it [5].
 
 The logarithm of the force over that of an air gap is linear in the logarithm of the film's
-resistance R - Rx. Its offset and slope, what Rx and the gap add, are Gaussian processes over the
+resistance R - Rx. Its offset and slope, and what the gap adds, are Gaussian processes over the
 sheet with a Matern spectrum, of reduced rank: sums of cosines (A. Solin and S. Sarkka, Statistics
-and Computing 30, 2020). Their sizes and length are chosen by evidence.
+and Computing 30, 2020). Their sizes and length are chosen by evidence. What a wrong Rx adds, a
+part of it and a constant, is the same all over the sheet.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.evidence_regression import HyperPrior, Moments, leave_groups_out
 from tactile_ros.estimators.regression import fitted, training_rows
 from tactile_ros.physics.resistive_sheet import SeriesResistance
@@ -25,32 +25,29 @@ if TYPE_CHECKING:
 
 WIDTH = 1.25  # half period of the slowest cosine over the sheet, so that slopes are free there
 MOST_WAVES = 16
-WAVES = np.array([MOST_WAVES, MOST_WAVES, 5, 7])  # at most, along an axis, of each field
+WAVES = np.array([MOST_WAVES, MOST_WAVES, 7])  # at most, along an axis, of each field
 DENSE = 1.3  # waves along an axis over touches along it
-FIELDS = 4  # of a constant, the film's logarithm, one over the film, and the film
-BEND = 4  # the square of the logarithm, the same all over the sheet
-MEAN = np.log([10.0, 2.0, 0.3, 0.3, 0.1])  # logs of the prior sigmas of what is the same all over
+FIELDS = 3  # of a constant, the film's logarithm, and the film
+# logs of the prior sigmas of what is the same all over: of the fields, a constant and a part of Rx
+MEAN = np.log([10.0, 2.0, 0.3, 0.3, 0.1])
 ORDER = 2.5  # of the Matern kernel: smoother ones understate what is between touches (Stein 1999)
 # logs of the fields' sizes, of their length over the longer edge, and of the size of a part
 # without length over that of the rest
 HYPER = HyperPrior(
-    np.log([0.15, 0.05, 0.03, 0.05, 0.25, 0.1]), np.array([1.2, 1.2, 1.5, 1.5, 0.6, 1.0])
+    np.log([0.15, 0.05, 0.05, 0.25, 0.1]), np.array([1.2, 1.2, 1.5, 0.6, 1.0])
 )
-SERIES, SERIES_LENGTH = 2, math.log(0.4)  # the field of a wrong Rx, which is the sheet's
 GAPS = (0.0, 0.3, 0.6, 0.8, 0.9)  # of the lightest force
-SHEETS, SHEET = np.array([0.8, 0.9, 1.0, 1.1, 1.2]), 0.1  # of the stated Rx; its prior sigma
 CREEP = math.log(0.03)  # log of the prior sigma of a further feature: a film creeps by percents
-ROUGH = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0)  # relative error of forces over the divider's own
 UNKNOWN_NOISE = 0.01
 FLATTEST = -0.2  # slope of the logarithm of force over that of the film
-FEWEST, FEWEST_GROUPS, MOST_ROWS = 12, 5, 3000
+FEWEST, MOST_ROWS = 12, 3000
 BEYOND = 0.15  # of the range of the film's logarithm, in which the curve goes on
 LEAST_FILM = 0.02  # of R
 LEAST_FORCE = 1e-6  # N
 MOST_ERROR = 5.0  # of the logarithm of a held-out force
 CORNER = 1.14  # products of two fast cosines are left out
 MORE = 0.4  # logarithm of the largest answer over the largest force of the fit
-CHOSEN = ('waves_', 'hyper_', 'sheet_', 'gap_', 'steep_', 'rough_')
+CHOSEN = ('waves_', 'hyper_', 'gap_', 'steep_')
 CELLS = 41  # along an edge, in which the variance of the calibration is tabulated
 LEVELS = 3
 
@@ -72,18 +69,16 @@ class PowerLawForce:
         Nominal Rx over R0; None: 0.
     """
 
-    waves_: Array  # (4, 2) number of cosines of each field along x and y
-    hyper_: Array  # (6,) hyperparameters
-    sheet_: float  # Rx over the nominal one
+    waves_: Array  # (3, 2) number of cosines of each field along x and y
+    hyper_: Array  # (5,) hyperparameters
     gap_: float  # force that the air gap takes (N)
     steep_: float  # slope of the logarithm of force over that of the film, all over the sheet
-    rough_: float  # relative error of a force beside the divider's, over the noise
     film_: Array  # (3,) least and largest film over R0, and the middle of its logarithm
-    table_: Array  # (n n, 4) factors of cosines of the fields
-    bend_: float  # of the square of the logarithm
+    table_: Array  # (n n, 3) factors of cosines of the fields
+    wrong_: Array  # (2,) of a constant and of a part of Rx, over the film
     linear_: Array  # (m,) weights of the further features
     linear_covariance_: Array  # (m, m) theirs
-    noise_: Array  # (2,) variance of the divider over the squared film, and of the force beside it
+    noise_: Array  # (2,) variance of the divider over the squared film, or of an unknown noise
     cells_: (
         Array  # (g, g, 3) log variance of the calibration, a polynomial in the film's logarithm
     )
@@ -124,7 +119,7 @@ class PowerLawForce:
         self._keep(weights[:, 0], noise * root, x.shape[1] - 3)
         self.noise_ = np.array([0.0, noise**2 * UNKNOWN_NOISE**2])
         if self.noise > 0:
-            self.noise_ = noise**2 * np.array([(self.noise * self.steep_) ** 2, self.rough_**2])
+            self.noise_ = np.array([(noise * self.noise * self.steep_) ** 2, 0.0])
         self.most_ = float(np.log(net).max()) + MORE
         sigma = noise * np.sqrt(scatter)
         half = noise * (terms @ root.T) / sigma[:, None]
@@ -133,30 +128,9 @@ class PowerLawForce:
         )
         estimate = net * np.exp(np.clip(-off * sigma, -MOST_ERROR, MOST_ERROR))
         errors, variances = np.full((2, len(y)), np.nan)
-        scale = self._scale_cells(x[:, :2], off * sigma, sigma, variance, groups)
         errors[there] = estimate - net
-        variances[there] = (1 + scale * variance) * (sigma * net) ** 2
+        variances[there] = (1 + variance) * (sigma * net) ** 2
         return errors, variances
-
-    def _scale_cells(
-        self, places: Array, error: Array, sigma: Array, variance: Array, groups: Integers
-    ) -> Array:
-        """Scale (s,) of the calibration's variances (s,), over the noise's, by groups left out."""
-        index = np.unique(groups, return_inverse=True)[1].reshape(-1)
-        count = np.bincount(index)
-        if len(count) < FEWEST_GROUPS:
-            return np.ones(len(places))
-
-        def mean(values: Array) -> Array:
-            return np.asarray(np.bincount(index, values) / count)
-
-        stated = np.sqrt(mean(variance * sigma**2) + mean(sigma**2) / count)[:, None]
-        centre = np.stack([mean(places[:, 0]), mean(places[:, 1])], axis=1)
-        model = CovarianceModel().fit(mean(error)[:, None], stated, np.arange(len(count)), centre)
-        grid = _grid()
-        scale = model.predict(np.ones((len(grid), 1)), grid)[0].reshape(CELLS, CELLS)
-        self.cells_[:, :, 0] += np.log(np.maximum(scale, 1e-6))
-        return model.predict(np.ones((len(places), 1)), places)[0][:, 0, 0]
 
     def predict(self, x: Array) -> Array:
         """Forces (s, 1) (N)."""
@@ -169,11 +143,13 @@ class PowerLawForce:
         """
         fitted(self, 'cells_')
         places = np.clip(np.nan_to_num(x[:, :2]), 0.0, 1.0)
-        film = np.clip(self._film(x), *self.film_[:2])
+        series = self.series.at(x[:, :2])
+        film = np.clip(x[:, 2] - series, *self.film_[:2])
         shapes = self._shapes(film)
         # no product of matrices: its sums run otherwise for one frame than for many
         total = np.einsum('sp,pk->sk', _cosines(places / WIDTH), self.table_)
-        level = np.einsum('sk,sk->s', total, shapes[:, :FIELDS]) + self.bend_ * shapes[:, BEND]
+        level = np.einsum('sk,sk->s', total, shapes)
+        level += self.wrong_[0] * self.film_[0] / film + self.wrong_[1] * series / film
         level += np.einsum('sm,m->s', x[:, 3:], self.linear_[: x.shape[1] - 3])
         a, b = (places * (CELLS - 1) + 0.5).astype(np.int64).T
         known = np.einsum('sl,sl->s', self.cells_[a, b], shapes[:, 1:2] ** np.arange(LEVELS))
@@ -182,13 +158,13 @@ class PowerLawForce:
         return np.exp(np.minimum(level, self.most_)) + self.gap_, variance
 
     def _choose(self, x: Array, force: Array, places: int) -> None:
-        """Choose waves, gap, Rx, noise and hyperparameters by evidence of touches at places."""
+        """Choose waves, gap and hyperparameters by evidence of touches at places."""
         extent = np.maximum(np.ptp(x[:, :2], axis=0), 0.05) * self.size
         step = float(np.sqrt(np.prod(extent) / max(places, 1)))
         count = np.round(DENSE * WIDTH * self.size / step) + 1
         self.waves_ = np.clip(count, np.minimum(4, WAVES)[:, None], WAVES[:, None])
         self.hyper_ = HYPER.mean
-        self.gap_, self.sheet_, self.steep_, self.rough_ = 0.0, 1.0, -1.0, 0.0
+        self.gap_, self.steep_ = 0.0, -1.0
         if len(force) < FEWEST:
             return
         found = []
@@ -199,19 +175,6 @@ class PowerLawForce:
                 self.steep_ = min(float(np.polyfit(film, net, 1)[0]), FLATTEST)
             found.append((self._evidence(x, force), self.gap_, self.steep_))
         _, self.gap_, self.steep_ = max(found)
-        levels = np.empty(len(SHEETS))
-        for i, share in enumerate(SHEETS):
-            self.sheet_ = float(share)
-            levels[i] = self._evidence(x, force) - ((share - 1.0) / SHEET) ** 2 / 2
-        self.sheet_ = _peak(SHEETS, levels)
-        own = float(np.median(np.sqrt(self._scatter(x))))
-        best, chosen = -np.inf, 0.0
-        for share in ROUGH if self.noise > 0 else ():
-            self.rough_ = share * own
-            if (level := self._evidence(x, force)) < best:
-                break
-            best, chosen = level, self.rough_
-        self.rough_ = chosen
         moments = self._moments(x, force - self.gap_)[0]
         self.hyper_ = HYPER.maximise(moments, self._prior(x.shape[1] - 3))
 
@@ -229,13 +192,9 @@ class PowerLawForce:
         volume = -0.5 * float(np.log(scatter).sum()) - float(target.sum())
         return Moments.of(terms, target, 1 / scatter), volume, terms, scatter
 
-    def _film(self, x: Array) -> Array:
-        """Film (s,) over R0."""
-        return np.asarray(x[:, 2] - self.sheet_ * self.series.at(x[:, :2]))
-
     def _film_of_fit(self, x: Array) -> Array:
         """Film (s,) over R0 of the rows of a fit, which sets the range."""
-        film = self._film(x)
+        film = x[:, 2] - self.series.at(x[:, :2])
         level = np.log(np.maximum(film, np.maximum(LEAST_FILM * x[:, 2], 1e-6)))
         low, high = float(level.min()), float(level.max())
         more = BEYOND * max((high - low) / 2, 1e-3)
@@ -247,20 +206,20 @@ class PowerLawForce:
         if self.noise <= 0:
             return np.full(len(x), UNKNOWN_NOISE**2)
         ratio = (1.0 + x[:, 2]) ** 2 / self._film_of_fit(x)
-        return np.asarray((self.noise * self.steep_ * ratio) ** 2 + self.rough_**2)
+        return np.asarray((self.noise * self.steep_ * ratio) ** 2)
 
     def _terms(self, places: Array, film: Array, linear: Array) -> Array:
         """Terms (s, p): what is the same all over, the fields, and the further features."""
         shapes = self._shapes(film)
         cosines = _cosines(np.clip(places, 0.0, 1.0) / WIDTH)
         fields = [shapes[:, k, None] * cosines[:, self._entries(k)] for k in range(FIELDS)]
-        return np.concatenate([shapes, *fields, linear], axis=1)
+        wrong = np.stack([self.film_[0] / film, self.series.at(places) / film], axis=1)
+        return np.concatenate([shapes, wrong, *fields, linear], axis=1)
 
     def _shapes(self, film: Array) -> Array:
-        """Shapes (s, 5) of the curve of a film (s,): those of the fields, and the bend."""
+        """Shapes (s, 3) of the curve of a film (s,), one of each field."""
         level = np.log(film) - self.film_[2]
-        one, low, high = np.ones_like(level), self.film_[0] / film, film / self.film_[1]
-        return np.stack([one, level, low, high, level**2], axis=1)
+        return np.stack([np.ones_like(level), level, film / self.film_[1]], axis=1)
 
     def _entries(self, field: int) -> Integers:
         """Products of cosines of a field, numbered as `_cosines` has them."""
@@ -279,16 +238,14 @@ class PowerLawForce:
         def prior(theta: Array) -> tuple[Array, Array]:
             levels, slopes = [MEAN], [np.zeros((len(theta), len(MEAN)))]
             for field, own in enumerate(speeds):
-                length = SERIES_LENGTH if field == SERIES else theta[4]
-                square = (own * math.exp(length)) ** 2 / (2 * ORDER)
+                square = (own * math.exp(theta[FIELDS])) ** 2 / (2 * ORDER)
                 share = (1 + square) ** -(ORDER + 1)
                 share /= share.sum() + 1e-300
-                fine = math.exp(2 * theta[5]) / max(len(own), 1)
+                fine = math.exp(2 * theta[FIELDS + 1]) / max(len(own), 1)
                 change = np.zeros((len(theta), len(own)))
-                if field != SERIES:
-                    steep = -2 * (ORDER + 1) * square / (1 + square)
-                    change[4] = 0.5 * share / (share + fine) * (steep - share @ steep)
-                change[5] = fine / (share + fine)
+                steep = -2 * (ORDER + 1) * square / (1 + square)
+                change[FIELDS] = 0.5 * share / (share + fine) * (steep - share @ steep)
+                change[FIELDS + 1] = fine / (share + fine)
                 change[field] = 1.0
                 levels.append(theta[field] + 0.5 * np.log(share + fine))
                 slopes.append(change)
@@ -307,7 +264,7 @@ class PowerLawForce:
             table[0, field] = weights[field]
             at += len(entries)
         self.table_ = table
-        self.bend_, self.linear_ = float(weights[BEND]), weights[at:]
+        self.wrong_, self.linear_ = weights[FIELDS : len(MEAN)], weights[at:]
         self.linear_covariance_ = root[:, at:].T @ root[:, at:]
         grid = _grid()
         low, high, middle = self.film_
@@ -331,12 +288,3 @@ def _grid() -> Array:
     """Middles of the cells (g * g, 2) in units of the sheet's edges."""
     line = np.linspace(0.0, 1.0, CELLS)
     return np.stack(np.meshgrid(line, line, indexing='ij'), axis=-1).reshape(-1, 2)
-
-
-def _peak(places: Array, levels: Array) -> float:
-    """Peak of the parabola through the largest level and its neighbours, between these."""
-    at = min(max(int(levels.argmax()), 1), len(levels) - 2)
-    below, middle, above = levels[at - 1 : at + 2]
-    bend = below - 2 * middle + above
-    step = 0.5 * (below - above) / bend if bend < 0 else 0.0
-    return float(places[at] + (places[1] - places[0]) * min(max(step, -1.0), 1.0))

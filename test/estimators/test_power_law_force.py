@@ -53,7 +53,6 @@ def test_forces_near_the_border_of_a_large_panel_know_its_steep_rx() -> None:
     sigma = np.sqrt(variance) * said
     assert np.sqrt(((said - true) ** 2).mean()) < 0.035
     assert 0.5 < (np.abs(said - true) < sigma).mean() < 0.85
-    assert found.sheet_ == pytest.approx(1.05, rel=0.06)
 
 
 def test_spreads_of_calibration_grow_away_from_what_was_touched() -> None:
