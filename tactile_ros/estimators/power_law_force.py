@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.evidence_regression import HyperPrior, Moments, leave_groups_out
 from tactile_ros.estimators.regression import fitted, training_rows
 from tactile_ros.physics.resistive_sheet import SeriesResistance
@@ -40,7 +41,7 @@ GAPS = (0.0, 0.3, 0.6, 0.8, 0.9)  # of the lightest force
 CREEP = math.log(0.03)  # log of the prior sigma of a further feature: a film creeps by percents
 UNKNOWN_NOISE = 0.01
 FLATTEST = -0.2  # slope of the logarithm of force over that of the film
-FEWEST, MOST_ROWS = 12, 3000
+FEWEST, FEWEST_GROUPS, MOST_ROWS = 12, 5, 3000
 BEYOND = 0.15  # of the range of the film's logarithm, in which the curve goes on
 LEAST_FILM = 0.02  # of R
 LEAST_FORCE = 1e-6  # N
@@ -128,9 +129,30 @@ class PowerLawForce:
         )
         estimate = net * np.exp(np.clip(-off * sigma, -MOST_ERROR, MOST_ERROR))
         errors, variances = np.full((2, len(y)), np.nan)
+        scale = self._scale_cells(x[:, :2], off * sigma, sigma, variance, groups)
         errors[there] = estimate - net
-        variances[there] = (1 + variance) * (sigma * net) ** 2
+        variances[there] = (1 + scale * variance) * (sigma * net) ** 2
         return errors, variances
+
+    def _scale_cells(
+        self, places: Array, error: Array, sigma: Array, variance: Array, groups: Integers
+    ) -> Array:
+        """Scale (s,) of the calibration's variances (s,), over the noise's, by groups left out."""
+        index = np.unique(groups, return_inverse=True)[1].reshape(-1)
+        count = np.bincount(index)
+        if len(count) < FEWEST_GROUPS:
+            return np.ones(len(places))
+
+        def mean(values: Array) -> Array:
+            return np.asarray(np.bincount(index, values) / count)
+
+        stated = np.sqrt(mean(variance * sigma**2) + mean(sigma**2) / count)[:, None]
+        centre = np.stack([mean(places[:, 0]), mean(places[:, 1])], axis=1)
+        model = CovarianceModel().fit(mean(error)[:, None], stated, np.arange(len(count)), centre)
+        grid = _grid()
+        scale = model.predict(np.ones((len(grid), 1)), grid)[0].reshape(CELLS, CELLS)
+        self.cells_[:, :, 0] += np.log(np.maximum(scale, 1e-6))
+        return model.predict(np.ones((len(places), 1)), places)[0][:, 0, 0]
 
     def predict(self, x: Array) -> Array:
         """Forces (s, 1) (N)."""
