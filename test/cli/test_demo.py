@@ -6,6 +6,8 @@ from __future__ import annotations
 import re
 import shutil
 import sys
+import time
+from concurrent.futures import Future
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -35,6 +37,14 @@ def test_parts_share_no_group() -> None:
         assert played
         assert not seen & played, part.name
         assert part.played.tare[0]
+
+
+def test_time_left_is_that_of_fits_like_those_that_are_made() -> None:
+    made, open_ = Future(), Future()
+    made.set_result(Path())
+    now = time.monotonic()
+    assert demo.time_left([open_], [open_], now, now) == 0.0
+    assert demo.time_left([made, open_], [open_], now - 10.0, now) == pytest.approx(10.0, abs=2.0)
 
 
 def test_results_replace_only_what_a_demo_made(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -64,3 +65,16 @@ def test_a_csv_has_the_layout_of_the_calibration(
     assert main(words) == 1
     assert 'name it or a calibration' in capsys.readouterr().err
     assert main([*words, '--calibration', str(board_files / 'a.npz')]) == 0
+
+
+def test_a_twin_says_about_how_long_it_learns(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(view, 'PATIENCE_S', 0.0)
+    board = load_sensor('reskin_board')
+    presses = board.recordings()['spatial'].select(slice(0, 800))
+    spec = SimpleNamespace(
+        presses=lambda *_: presses, pipeline=lambda config: board.pipeline(config, 'ridge')
+    )
+    assert view.fitted(spec, board.config(), 1).calibrated
+    assert 'calibrating on simulated presses, about' in capsys.readouterr().err
