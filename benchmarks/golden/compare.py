@@ -13,7 +13,7 @@ from pathlib import Path
 
 FOLDER = Path(__file__).parent
 TIMES = {'us', 'ms', '% of a core', 'cores', 'KiB', 'MB', 'Hz'}
-SIMULATED = {'grasp'}  # whose seconds are those of the simulation
+SIMULATED = {'grasp', 'hands'}  # whose seconds are those of the simulation
 TIMED = {'latency', 'replay'}  # benches of speed alone
 OF_SPEED = ('share of a core', 'frames heard', 'windows answered')
 ROUNDING = 1e-9
