@@ -17,6 +17,8 @@ from tactile_ros.conditioning.baseline import (
     Rest,
     Stream,
     held_noise,
+    motion_noise,
+    rest_noise,
     stream_baselines,
     tare_means,
     tare_runs,
@@ -403,6 +405,15 @@ def test_stated_noise_counts_for_every_taxel(stated: float | np.ndarray) -> None
     np.testing.assert_allclose(learned.noise, np.broadcast_to(stated, SHAPE))
     with pytest.raises(ValueError, match='broadcast'):
         Rest.unknown(SHAPE, np.ones(2))
+
+
+def test_noise_is_at_least_a_quantums_and_frames_far_apart_tell_nothing() -> None:
+    rest = np.zeros((100, 1, 1))
+    rest[50] = 3.0
+    np.testing.assert_allclose(rest_noise(rest, np.zeros(100, int)), 3.0 / np.sqrt(12))
+    values, stamp_ns = np.random.default_rng(5).normal(size=(50, 1, 3)), 10**9 * np.arange(50)
+    assert np.isnan(motion_noise(values, stamp_ns, np.zeros(50, bool))).all()
+    assert np.isnan(motion_noise(values, stamp_ns // 100, np.ones(50, bool))).all()
 
 
 def test_what_no_chip_can_have_and_chips_of_dead_taxels_tell_no_temperature() -> None:
