@@ -124,6 +124,9 @@ def test_the_one_patch_is_where_the_contact_is() -> None:
     for name in ('contacts_force', 'contacts_force_cov', 'contacts_normal'):
         assert np.isnan(known[name][1]).all()
     assert 'contacts_position' not in known
+    own = {'contacts_id': np.array([[4, 5]]), 'force': np.zeros((1, 3))}
+    add_patches(own, np.array([0]))
+    assert own['contacts_id'].tolist() == [[4, 5]]
 
 
 SENSOR = load_sensor('reskin_board')
