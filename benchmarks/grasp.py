@@ -10,25 +10,20 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmarks.harness.rows import BenchResult, Row
-from benchmarks.worlds import grasp_scenes, grip_faults
+from reference.grip_world import GripWorld
+from reference.load_world import LoadWorld
 from tactile_ros.control import Drive, GripConfig, GripForce, GripPhase, qb_softhand
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.sensors import load_sensor
 from tactile_ros.simulation.hand_world import load_engine
 from tactile_ros.simulation.scenes import CHANGES, Handling
-from tactile_ros.types import Array, Bools, Integers
+from tactile_ros.types import Array, Bools, Integers, Recording
 
-if TYPE_CHECKING:
-    from types import ModuleType
-
-    from benchmarks.worlds.grasp_scenes import Found
-    from tactile_ros.types import Recording
-
+SENSOR = load_sensor('reskin_board')
 SEEDS = {'quick': 1, 'normal': 10, 'full': 40}
 LOADS = {'quick': 2, 'normal': 100, 'full': 200}  # of either kind
 BLOCKS = 5  # of their seeds, each of which gives a value
@@ -63,12 +58,11 @@ class Judged:
 
 def run(extent: str, command: str) -> BenchResult:
     """Measure everything."""
+    from benchmarks.worlds import grip_faults
+
     seeds = list(range(SEEDS[extent]))
     suffered, reactions, drawn = grip_faults.fault_rows(extent)
-    rows = [
-        *_slip_rows(seeds), *_loop_rows(seeds), *_load_rows(LOADS[extent]),
-        *suffered,
-    ]  # fmt: skip
+    rows = [*_slip_rows(seeds), *_loop_rows(seeds), *_load_rows(LOADS[extent]), *suffered]
     notes = [
         'Slip: five folds by sequence, contiguous in the order of recording; the rows of shuffled '
         'folds show how much hangs on a few sequences, one that holds above all: number 57 is '
@@ -84,67 +78,54 @@ def run(extent: str, command: str) -> BenchResult:
         f'What they spread by: {BLOCKS} blocks of seeds.',
         *reactions,
     ]
-    scenes = _scenes(extent)
+    if extent == 'quick':
+        notes.append('quick: scenes of MuJoCo are left out')
+        return BenchResult('grasp', command, seeds, rows, notes, drawn)
+    try:
+        load_engine()
+    except MissingPackageError as error:
+        notes.append(f'Scenes are left out: {error}.')
+        return BenchResult('grasp', command, seeds, rows, notes, drawn)
+    from benchmarks.worlds import grasp_scenes
+
+    scenes = grasp_scenes.run(extent)
     drawn |= scenes.drawings
     return BenchResult('grasp', command, seeds, rows + scenes.rows, notes + scenes.notes, drawn)
 
 
-def _scenes(extent: str) -> Found:
-    """Scenes of MuJoCo, where it is installed."""
-    if extent == 'quick':
-        return grasp_scenes.Found(notes=['quick: scenes of MuJoCo are left out'])
-    try:
-        load_engine()
-    except MissingPackageError as error:
-        return grasp_scenes.Found(notes=[f'Scenes are left out: {error}.'])
-    return grasp_scenes.run(extent)
-
-
 def _slip_rows(seeds: list[int]) -> list[Row]:
     """Slip of the recorded pulls."""
-    recording = load_sensor('reskin_board').recordings()['slip']
+    recording = SENSOR.recordings()['slip']
     told = recording.truth['slip'].reshape(-1, LENGTH).max(axis=1) == 1
     count = len(told)
     contiguous = np.arange(count) * FOLDS // count
     judged = _folded(recording, told, contiguous)
+    what, wrong = 'slip, contiguous folds', judged.said != told
     rows = [
-        Row(
-            'slip, contiguous folds: balanced accuracy', '1', _balanced(judged.said, told), 'high',
-            paper=0.95, peer=_balanced(judged.peer, told), aim=0.985,
-        ),
-        Row('slip, contiguous folds: sequences missed', '1', float((told & ~judged.said).sum())),
-        Row('slip, contiguous folds: false alarms', '1', float((judged.said & ~told).sum())),
-        Row('slip, contiguous folds: frames flagged before the onset', '1', float(judged.early)),
+        Row(f'{what}: balanced accuracy', '1', _balanced(judged.said, told), 'high', paper=0.95,
+            peer=_balanced(judged.peer, told), aim=0.985),
+        Row(f'{what}: sequences missed', '1', float((told & wrong).sum())),
+        Row(f'{what}: false alarms', '1', float((~told & wrong).sum())),
+        Row(f'{what}: frames flagged before the onset', '1', float(judged.early)),
         Row('slip: delay after onset, median', 'frames', float(np.nanmedian(judged.delay))),
         Row('slip: delay after onset, 95 %', 'frames', float(np.nanquantile(judged.delay, 0.95))),
     ]  # fmt: skip
     for fold in range(FOLDS):
-        rows += _fold_rows(fold, contiguous == fold, judged, told)
+        slips, holds = (contiguous == fold) & told, (contiguous == fold) & ~told
+        name = f'slip, fold {fold} ({int(slips.sum())} slip, {int(holds.sum())} hold)'
+        delay = float(np.nanmedian(judged.delay[slips]))
+        rows += [
+            Row(f'{name}: sequences wrong', '1', float(wrong[slips | holds].sum())),
+            Row(f'{name}: median delay', 'frames', delay),
+        ]
     shuffled = []
     for seed in seeds:
         folds = np.random.default_rng(seed).permutation(count) % FOLDS
         shuffled.append(_balanced(_folded(recording, told, folds).said, told))
-    rows += [
-        Row(
-            f'slip, {len(seeds)} shuffled folds: mean',
-            '1',
-            float(np.mean(shuffled)),
-            'high',
-            by_seed=tuple(shuffled),
-        ),
-        Row(f'slip, {len(seeds)} shuffled folds: worst', '1', float(np.min(shuffled)), 'high'),
-    ]
-    return rows
-
-
-def _fold_rows(fold: int, held: Bools, judged: Judged, told: Bools) -> list[Row]:
-    """Errors and delay of one fold."""
-    wrong = held & (judged.said != told)
-    name = f'slip, fold {fold} ({int((held & told).sum())} slip, {int((held & ~told).sum())} hold)'
-    delay = judged.delay[held & told]
     return [
-        Row(f'{name}: sequences wrong', '1', float(wrong.sum())),
-        Row(f'{name}: median delay', 'frames', float(np.nanmedian(delay))),
+        *rows,
+        Row.mean(f'slip, {len(seeds)} shuffled folds: mean', '1', shuffled, 'high'),
+        Row(f'slip, {len(seeds)} shuffled folds: worst', '1', float(np.min(shuffled)), 'high'),
     ]
 
 
@@ -155,25 +136,19 @@ def _balanced(said: Bools, told: Bools) -> float:
 
 def _folded(recording: Recording, told: Bools, folds: Integers) -> Judged:
     """Every sequence judged by a pipeline that had not seen its fold."""
-    sensor = load_sensor('reskin_board')
-    config = dataclasses.replace(sensor.config(), positions=recording.layout.positions)
+    config = dataclasses.replace(SENSOR.config(), positions=recording.layout.positions)
     largest, onset = _changes(recording)
     said, peer = np.zeros((2, len(told)), bool)
     delay = np.full(len(told), np.nan)
     early = 0
     for fold in np.unique(folds):
-        held = np.repeat(folds == fold, LENGTH)
-        states = sensor.pipeline(config).fit(recording.select(~held)).process_batch(
-            recording.select(held)
-        )  # fmt: skip
-        flags = states.slip.reshape(-1, LENGTH) == 1
-        tests = np.flatnonzero(folds == fold)
+        held, tests = np.repeat(folds == fold, LENGTH), folds == fold
+        pipeline = SENSOR.pipeline(config).fit(recording.select(~held))
+        flags = pipeline.process_batch(recording.select(held)).slip.reshape(-1, LENGTH) == 1
         said[tests] = flags.any(axis=1)
         delay[tests] = np.where(said[tests], flags.argmax(axis=1) - onset[tests], np.nan)
         early += int((flags & (np.arange(LENGTH) < onset[tests, None])).sum())
-        others = folds != fold
-        level = _threshold(largest[others & told], largest[others & ~told])
-        peer[tests] = largest[tests] > level
+        peer[tests] = largest[tests] > _threshold(largest[~tests & told], largest[~tests & ~told])
     return Judged(said, peer, np.where(told, delay, np.nan), early)
 
 
@@ -198,18 +173,14 @@ def _threshold(slips: Array, holds: Array) -> float:
 
 def _loop_rows(seeds: list[int]) -> list[Row]:
     """Overshoot, settling and steady error of both hands."""
-    from reference import grip_world as world
-
     rows = []
     for name, (config, hand, stiffnesses, settled, seconds) in HANDS.items():
-        found = np.array(
+        over, slow, steady = np.max(
             [
-                _grip(world, config, {**hand, 'stiffness': stiffness, 'seed': seed}, seconds)
-                for stiffness in stiffnesses
-                for seed in seeds
-            ]
-        )
-        over, slow, steady = found.max(axis=0)
+                _grip(config, GripWorld(**hand, stiffness=stiffness, seed=seed), seconds)
+                for stiffness in stiffnesses for seed in seeds
+            ], axis=0,
+        )  # fmt: skip
         rows += [
             Row(f'{name}: worst overshoot', '%', 100 * over, aim=10.0),
             Row(f'{name}: slowest from load to 5 %', 's', slow, aim=settled),
@@ -218,11 +189,8 @@ def _loop_rows(seeds: list[int]) -> list[Row]:
     return rows
 
 
-def _grip(
-    module: ModuleType, config: GripConfig, about: dict[str, float], seconds: float
-) -> tuple[float, float, float]:
+def _grip(config: GripConfig, world: GripWorld, seconds: float) -> tuple[float, float, float]:
     """Overshoot, settling time (s) and steady error of one grasp, shares of the target."""
-    world = module.GripWorld(**about)
     law = GripForce(config, (0,))
     law.enable()
     law.grasp(TARGET, adapt=False)
@@ -241,53 +209,44 @@ def _grip(
 
 def _load_rows(count: int) -> list[Row]:
     """Drops and mean force of three grips, of objects that grow heavier or slippery in hand."""
-    from reference import load_world as world
-
-    fresh = range(FRESH, FRESH + count)
-    loads = {i: [Handling.draw(kind, i) for kind in CHANGES] for i in fresh}
-    fixed = float(np.quantile([load.needed for pair in loads.values() for load in pair], HELD))
+    pairs = [[Handling.draw(kind, FRESH + i) for kind in CHANGES] for i in range(count)]
+    fixed = float(np.quantile([load.needed for pair in pairs for load in pair], HELD))
     calm = GripConfig(force_noise=0.01)
     blind = dataclasses.replace(calm, friction_low=UNHEEDED)
-    grips = {
-        f'fixed {fixed:.2f} N': (calm, fixed, False),
-        'doubled at slips': (blind, BEGIN, True),
-        'adaptive': (calm, BEGIN, True),
-    }
-    carried: dict[str, list[list[tuple[float, float]]]] = {name: [] for name in grips}
-    for i, pair in loads.items():
-        for name, grip in grips.items():
-            carried[name].append([_carry(world, load, i, *grip) for load in pair])
     rows = []
-    for name, each in carried.items():
-        found = np.array(each).swapaxes(0, 1)  # kind, seed, what
-        dropped, mean = found.mean(axis=(0, 1))
-        blocks = _blocks(found)
-        aims = (HELD, SPARED * fixed) if name == 'adaptive' else (None, None)
-        what = f'{len(CHANGES) * len(each)} loads in hand, {name}'
-        rows += [
-            Row(f'{what}: held', '1', 1 - dropped, 'high', aim=aims[0],
-                by_seed=tuple(1 - blocks[:, 0])),
-            Row(f'{what}: mean force', 'N', mean, aim=aims[1], by_seed=tuple(blocks[:, 1])),
-        ]  # fmt: skip
-        rows += [
-            Row(f'{what}, {kind}: held', '1', 1 - float(part[:, 0].mean()), 'high',
-                by_seed=tuple(1 - _blocks(part[None])[:, 0]))
-            for kind, part in zip(CHANGES, found, strict=True)
-        ]  # fmt: skip
+    for name, grip, aims in (
+        (f'fixed {fixed:.2f} N', (calm, fixed, False), (None, None)),
+        ('doubled at slips', (blind, BEGIN, True), (None, None)),
+        ('adaptive', (calm, BEGIN, True), (HELD, SPARED * fixed)),
+    ):
+        carried = np.array([
+            [_carry(load, FRESH + i, *grip) for load in pair] for i, pair in enumerate(pairs)
+        ])  # fmt: skip
+        rows += load_rows(f'{len(CHANGES) * count} loads in hand, {name}', carried, aims)
     return rows
 
 
-def _blocks(found: Array) -> Array:
-    """Means (b, 2) of loads (k, s, 2) over kinds and over blocks of their seeds."""
-    parts = np.array_split(found.mean(axis=0), min(BLOCKS, found.shape[1]))
-    return np.array([part.mean(axis=0) for part in parts])
+def load_rows(what: str, carried: Array, aims: tuple[float | None, float | None]) -> list[Row]:
+    """Share held and mean force (N) of loads (s, k, 2) by seed and kind, by blocks of seeds."""
+    parts = np.array_split(carried, min(BLOCKS, len(carried)))
+    blocks = np.array([part.mean(axis=(0, 1)) for part in parts])
+    held, force = carried.mean(axis=(0, 1)).tolist()
+    return [
+        Row(f'{what}: held', '1', held, 'high', aim=aims[0], by_seed=tuple(blocks[:, 0])),
+        Row(f'{what}: mean force', 'N', force, aim=aims[1], by_seed=tuple(blocks[:, 1])),
+        *(
+            Row(f'{what}, {kind}: held', '1', float(carried[:, k, 0].mean()), 'high',
+                by_seed=tuple(part[:, k, 0].mean() for part in parts))
+            for k, kind in enumerate(CHANGES)
+        ),
+    ]  # fmt: skip
 
 
 def _carry(
-    module: ModuleType, load: object, seed: int, config: GripConfig, force: float, adapt: bool
+    load: Handling, seed: int, config: GripConfig, force: float, adapt: bool
 ) -> tuple[float, float]:
-    """Whether an object was dropped, and the mean force (N) until then."""
-    world = module.LoadWorld(load, seed, force)
+    """Whether an object was held, and the mean force (N) until it was not."""
+    world = LoadWorld(load, seed, force)
     drive = Drive(config.stiffness_low, config.stiffness_high, fastest=FAST)
     law = GripForce(config, (0,), plants=[drive])
     law.enable()
@@ -298,4 +257,4 @@ def _carry(
         forces.append(world.normal)
         if world.dropped:
             break
-    return float(world.dropped), float(np.mean(forces))
+    return float(not world.dropped), float(np.mean(forces))

@@ -49,9 +49,7 @@ def run(extent: str, command: str) -> BenchResult:
     return BenchResult('hands', command, seeds, rows, notes, {})
 
 
-def _row(
-    what: str, unit: str, values: list[float], aim: float | None, better: str = 'low'
-) -> Row:
+def _row(what: str, unit: str, values: list[float], aim: float | None, better: str = 'low') -> Row:
     """Worst value of all seeds where less is better, their mean where more is."""
     finite = [value for value in values if np.isfinite(value)]
     ours = (max(values) if better == 'low' else float(np.mean(values))) if values else None

@@ -14,23 +14,19 @@ import tempfile
 import time
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.harness.live import QUIET, processor_s
 from benchmarks.harness.rows import BenchResult, Row
-from benchmarks.worlds import grip_delay_plot, grip_rig, grip_scenes, grip_waits
+from benchmarks.worlds import grip_rig
+from benchmarks.worlds.grip_rig import Heard, Helper, Scene
 from tactile_ros.control import GripConfig, GripForce, GripInput
-from tactile_ros.evaluation.metrics import Spread, spread
-from tactile_ros.nodes.graph import Graph, Process, Value
+from tactile_ros.evaluation.metrics import spread
+from tactile_ros.nodes.graph import Graph, Process
 from tactile_ros.nodes.processes import Running
-
-if TYPE_CHECKING:
-    from benchmarks.worlds.grip_scenes import Scene
-    from benchmarks.worlds.grip_waits import Waits
-    from tactile_ros.types import Array, Integers
+from tactile_ros.types import Array, Integers
 
 SECONDS = {'quick': 2.0, 'normal': 5.0, 'full': 60.0}
 FOLDER = Path(__file__).parents[1]
@@ -50,7 +46,7 @@ ENTRY = (
 )
 NOTE = (
     'import sys; sys.path.append({folder!r})\n'
-    'from benchmarks.worlds import grip_waits; grip_waits.note({threads!r})\n'
+    'from benchmarks.worlds import grip_rig; grip_rig.note({threads!r})\n'
 )
 BUSY = (
     'import threading\n'
@@ -64,41 +60,34 @@ BUSY = (
 class Measured(Process):
     """A process of the bench: a hand that takes every command, a second thread where asked.
 
-    Attributes
-    ----------
-    busy : bool
-        Whether there is a thread that never waits.
-    threads : str
-        File that its readers write their threads into; empty: none.
+    Its readers write their threads into a file.
     """
 
-    busy: bool = False
     threads: str = ''
+    busy: bool = False
 
     def command(self) -> list[str]:
         """Command line."""
-        note = NOTE.format(folder=str(FOLDER), threads=self.threads) if self.threads else ''
-        entry = ENTRY.format(more=note + BUSY * self.busy)
+        entry = ENTRY.format(
+            more=NOTE.format(folder=str(FOLDER), threads=self.threads) + BUSY * self.busy
+        )
         return [sys.executable, '-c', entry, self.executable, '--ros-args', *self.ros_arguments()]
 
 
 @dataclass(frozen=True)
 class Run:
-    """What one run showed."""
+    """Delays (s) to sending and to receiving of one run, and cost.
+
+    `why` something was not answered, and what the threads that read and answer `waited` for.
+    """
 
     delay: Array
     received: Array
     cores: float
     answered: float
-    busiest: float = np.nan  # waiting for a processor over running, of the busiest thread
     calls: int = 0
-    why: str = ''  # of what was not answered
-    waits: Waits | None = None  # of the threads that read and answer, in one process
-
-    @property
-    def spread(self) -> Spread:
-        """Of the delays (s)."""
-        return spread(self.delay)
+    why: str = ''
+    waited: str = grip_rig.UNTOLD
 
 
 def run(extent: str, command: str) -> BenchResult:
@@ -117,65 +106,54 @@ def run(extent: str, command: str) -> BenchResult:
     ]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        runs = _runs(folder, seconds, extent == 'quick')
+        plain = grip_rig.gradiometer_scene(folder / 'plain', estimator='polynomial')
+        runs = {PLAIN: measure(folder / 'plain', plain, seconds)}
+        if extent == 'quick':
+            notes.append('quick: the polynomial in one process alone')
+        else:
+            fast, slow = grip_rig.gradiometer_scene(folder), grip_rig.skin_scene(folder)
+            runs |= {
+                'stack': measure(folder, fast, seconds),
+                'stack, a second busy thread': measure(folder, fast, seconds, busy=True),
+                'stack, a service is called': measure(folder, fast, seconds, called=True),
+                'three nodes over DDS': measure(folder, fast, seconds, stack=False),
+                f'stack, 4 fingers x {grip_rig.CHIPS} chips at 100 Hz':
+                    measure(folder, slow, seconds),
+            }  # fmt: skip
     for what, found in runs.items():
         rows += _rows(what, found)
-        notes.append(f'{what}: {_histogram(found)}{_cause(found)}')
-    with grip_rig.Helper(grip_rig.difference) as helper:
+        notes.append(f'{what}: {_histogram(found)}; {found.waited}')
+    with Helper(grip_rig.difference) as helper:
         apart = float(helper.hear())
     rows += [
         Row('roads: largest difference of commands', '1', apart, bound=0.0, aim=1e-9),
         step_row(STEPS[extent]),
     ]
-    if extent == 'quick':
-        notes.append('quick: the polynomial in one process alone')
-    tails = grip_delay_plot.drawn(
-        {what: found.delay for what, found in runs.items()}, 1e3 * LATE_S
-    )
-    return BenchResult('latency', command, [0], rows, notes, {'tails': tails})
-
-
-def _runs(folder: Path, seconds: float, quick: bool) -> dict[str, Run]:
-    """Every run by its name; where it shall be quick the first alone."""
-    plain = grip_scenes.gradiometer_scene(folder / 'plain', estimator='polynomial')
-    first = {PLAIN: measure(folder / 'plain', plain, seconds)}
-    if quick:
-        return first
-    fast, slow = grip_scenes.gradiometer_scene(folder), grip_scenes.skin_scene(folder)
-    return {
-        **first,
-        'stack': measure(folder, fast, seconds),
-        'stack, a second busy thread': measure(folder, fast, seconds, busy=True),
-        'stack, a service is called': measure(folder, fast, seconds, called=True),
-        'three nodes over DDS': measure(folder, fast, seconds, stack=False),
-        f'stack, 4 fingers x {grip_scenes.CHIPS} chips at 100 Hz': measure(folder, slow, seconds),
-    }
+    return BenchResult('latency', command, [0], rows, notes)
 
 
 def _rows(what: str, run: Run) -> list[Row]:
-    """Figures of one run."""
-    found, heard = run.spread, spread(run.received)
-    fast = 'chips' not in what
-    own = 'three' not in what
+    """Figures of one run; None where there is none, and the notes say why."""
+    found = spread(run.delay)
+    fast, own = 'chips' not in what, 'three' not in what
     quiet = 'busy' not in what and 'called' not in what
-    cores = (50.0 if fast else 35.0) if own and quiet else None
-    tail = 1.0 if fast and own else None
+    figures = (
+        ('delay p50', 'ms', 1e3 * found.p50, None),
+        ('delay p99', 'ms', 1e3 * found.p99, 1.0 if fast and own else None),
+        ('delay, largest', 'ms', 1e3 * found.largest, None),
+        ('delay p99 to the listener', 'ms', 1e3 * spread(run.received).p99, None),
+        ('processor', '% of a core', 100 * run.cores,
+         (50.0 if fast else 35.0) if own and quiet else None),
+    )  # fmt: skip
     rows = [
-        Row(f'{what}: delay p50', 'ms', _known(1e3 * found.p50)),
-        Row(f'{what}: delay p99', 'ms', _known(1e3 * found.p99), aim=tail),
-        Row(f'{what}: delay, largest', 'ms', _known(1e3 * found.largest)),
-        Row(f'{what}: delay p99 to the listener', 'ms', _known(1e3 * heard.p99)),
-        Row(f'{what}: frames with a command of their own', '%', 100 * run.answered, 'high'),
-        Row(f'{what}: processor', '% of a core', _known(100 * run.cores), aim=cores),
+        Row(f'{what}: {name}', unit, figure if np.isfinite(figure) else None, aim=aim)
+        for name, unit, figure, aim in figures
     ]
+    share = 100 * run.answered
+    rows.append(Row(f'{what}: frames with a command of their own', '%', share, 'high'))
     if run.calls:
         rows.append(Row(f'{what}: services answered', '1', float(run.calls)))
     return rows
-
-
-def _known(figure: float) -> float | None:
-    """A figure, None where there is none; the notes say why."""
-    return figure if np.isfinite(figure) else None
 
 
 def _histogram(run: Run) -> str:
@@ -188,80 +166,42 @@ def _histogram(run: Run) -> str:
         if count
     ]
     said = f'; the nodes said: {run.why}' if run.why else ''
-    return (', '.join(told) or 'NO COMMAND CAME') + said
-
-
-def _cause(run: Run) -> str:
-    """What was waited for, as far as the kernel tells it."""
-    late = f'; {100 * float((run.delay > LATE_S).mean()):.1f} % later than {1e3 * LATE_S:g} ms'
-    if run.waits is not None:
-        return f'{late}; {run.waits.tell()}'
-    if not np.isfinite(run.busiest):
-        return f'{late}; {grip_waits.UNTOLD}'
-    share = 100 * run.busiest
-    return (
-        f'{late}; while other programs had the processor, the busiest thread of the first process '
-        f'was ready to run for {share:.0f} % of the time that it ran'
-    )
+    late = f'{100 * float((run.delay > LATE_S).mean()):.1f} % later than {1e3 * LATE_S:g} ms'
+    return f'{", ".join(told) or "NO COMMAND CAME"}{said}; {late}'
 
 
 def measure(
-    folder: Path,
-    scene: Scene,
-    seconds: float,
-    *,
-    stack: bool = True,
-    busy: bool = False,
+    folder: Path, scene: Scene, seconds: float, *, stack: bool = True, busy: bool = False,
     called: bool = False,
-) -> Run:
+) -> Run:  # fmt: skip
     """One run of the nodes between boards and hand."""
-    calls = 0
     with ExitStack() as held:
-        board = held.enter_context(
-            grip_rig.Helper(grip_rig.boards(scene.encode, len(scene.fingers), scene.rate_hz))
-        )
-        hand = held.enter_context(grip_rig.Helper(grip_rig.listener))
-        asking = (
-            held.enter_context(grip_rig.Helper(grip_rig.caller('/grip_node/get_parameters')))
-            if called
-            else None
-        )
-        ports = board.hear()
-        noted = folder / 'threads'
+        board = held.enter_context(Helper(grip_rig.boards(scene)))
+        hand = held.enter_context(Helper(grip_rig.listener))
+        asking = held.enter_context(Helper(grip_rig.caller)) if called else None
+        ports, noted = board.hear(), folder / 'threads'
         noted.write_text('', 'ascii')
-        one = partial(_stack, busy=busy, threads=str(noted))
-        graph = (one if stack else _nodes)(folder, scene, ports)
-        quiet = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'OMP_NUM_THREADS': '1'}
-        with Running(graph, quiet) as running:
+        graph = _graph(folder, scene, ports, str(noted), stack, busy)
+        with Running(graph, {**QUIET, 'OMP_NUM_THREADS': '1'}) as running:
             with suppress(TimeoutError):  # too slow for any command: said by the rows
                 hand.hear()
             time.sleep(WARM_S)
             pids = [running.children[graph.name_of(process)].pid for process in graph.processes]
-            before = grip_rig.kept_waiting(pids[0])
-            begin, spent = time.time_ns(), -sum(map(grip_rig.processor_seconds, pids))
+            begin, spent = time.time_ns(), -sum(map(processor_s, pids))
             threads = [int(line) for line in noted.read_text('ascii').split()]
-            slept = grip_waits.asleep(pids[0], threads, seconds)
-            end, spent = time.time_ns(), spent + sum(map(grip_rig.processor_seconds, pids))
-            ended = _ended(running)
-            if ended:
-                return Run(NOTHING, NOTHING, np.nan, 0.0, why=ended)
-            after = grip_rig.kept_waiting(pids[0])
+            waited = grip_rig.watched(pids[-1], threads, seconds)
+            end, spent = time.time_ns(), spent + sum(map(processor_s, pids))
+            if gone := [name for name in running.lines if not running.is_alive(name)]:
+                last = (f'{name} ended: {" ".join(running.lines[name][-LAST:])}' for name in gone)
+                return Run(NOTHING, NOTHING, np.nan, 0.0, why='; '.join(last))
             written, heard = board.end(), hand.end()
-            if asking is not None:
-                calls = asking.end()
+            calls = asking.end() if asking else 0
     delay, received, answered = _delays(written, heard, begin, end)
-    cores, busiest = spent * grip_rig.NS / (end - begin), grip_rig.busiest(before, after)
-    waits = grip_waits.waits_of(threads, before, after, slept, (end - begin) / grip_rig.NS)
-    return Run(delay, received, cores, answered, busiest, calls, heard.refusal, waits)
+    cores = spent * grip_rig.NS / (end - begin)
+    return Run(delay, received, cores, answered, calls, heard.refusal, waited)
 
 
-def _ended(running: Running) -> str:
-    """Last words of nodes that ended; empty: all run."""
-    gone = [name for name in running.lines if not running.is_alive(name)]
-    return '; '.join(f'{name} ended: {" ".join(running.lines[name][-LAST:])}' for name in gone)
-
-
-def _delays(written: Integers, heard: object, begin: int, end: int) -> tuple[Array, Array, float]:
+def _delays(written: Integers, heard: Heard, begin: int, end: int) -> tuple[Array, Array, float]:
     """Delays to sending and to receiving (s), and the share of frames with a command of their own.
 
     Of every frame: until the first command that answers it or a later one, since what waited is
@@ -273,40 +213,32 @@ def _delays(written: Integers, heard: object, begin: int, end: int) -> tuple[Arr
     frames = np.flatnonzero((written >= begin) & (written < end))
     own = np.unique(row[(heard.sent_ns[order] >= begin) & (heard.sent_ns[order] < end)])
     if not len(own) or not len(frames):
-        return np.full(1, np.nan), np.full(1, np.nan), 0.0
-    first = np.minimum(np.searchsorted(row, frames), len(row) - 1)
-    at = written[frames]
-    return (
-        1e-9 * np.maximum(heard.sent_ns[order][first] - at, 0),
-        1e-9 * np.maximum(heard.received_ns[order][first] - at, 0),
-        len(own) / len(frames),
+        return NOTHING, NOTHING, 0.0
+    first = order[np.minimum(np.searchsorted(row, frames), len(row) - 1)]
+    sent, received = (
+        1e-9 * np.maximum(at[first] - written[frames], 0)
+        for at in (heard.sent_ns, heard.received_ns)
     )
+    return sent, received, len(own) / len(frames)
 
 
-def _stack(folder: Path, scene: Scene, ports: list[str], busy: bool, threads: str) -> Graph:
-    """Everything in one process."""
-    values: dict[str, Value] = {
-        'hand': 'allegro_v5', 'sensor': scene.sensor, 'ports': ports,
-        'calibrations': str(folder / scene.sensor), 'input_rate_hz': scene.rate_hz, **scene.values,
-    }  # fmt: skip
-    return Graph((Measured('stack', values, '', scene.heard, busy=busy, threads=threads),))
-
-
-def _nodes(folder: Path, scene: Scene, ports: list[str]) -> Graph:
-    """Three processes, of the first finger."""
-    finger = scene.fingers[0]
-    file = str(folder / scene.sensor / f'{finger}.npz')
+def _graph(
+    folder: Path, scene: Scene, ports: list[str], threads: str, stack: bool, busy: bool
+) -> Graph:
+    """Everything in one process, or three of them with the first finger; the reader comes last."""
+    both = {'hand': 'allegro_v5', 'input_rate_hz': scene.rate_hz}
     sensor = {'sensor': scene.sensor, **scene.values}
-    grip: dict[str, Value] = {
-        'hand': 'allegro_v5', 'rate_hz': scene.rate_hz, 'input_rate_hz': scene.rate_hz,
-    }  # fmt: skip
-    return Graph(
-        (
-            Measured('grip_node', grip, '', scene.heard),
-            Measured('contact_node', {**sensor, 'calibration': file}, finger),
-            Measured('sensor_node', {**sensor, 'port': ports[0]}, finger),
-        )
-    )
+    calibrations, finger = folder / scene.sensor, scene.fingers[0]
+    if stack:
+        values = {**both, **sensor, 'ports': ports, 'calibrations': str(calibrations)}
+        return Graph((Measured('stack', values, '', scene.heard, threads=threads, busy=busy),))
+    grip = {**both, 'rate_hz': scene.rate_hz}
+    contact = {**sensor, 'calibration': str(calibrations / f'{finger}.npz')}
+    return Graph((
+        Measured('grip_node', grip, '', scene.heard, threads=threads),
+        Measured('contact_node', contact, finger, threads=threads),
+        Measured('sensor_node', {**sensor, 'port': ports[0]}, finger, threads=threads),
+    ))  # fmt: skip
 
 
 def step_row(steps: int) -> Row:

@@ -13,26 +13,23 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmarks.harness.rows import BenchResult, Row
-from tactile_ros.evaluation.bag import BagWriter, all_types
+from tactile_ros.evaluation.bag import BagWriter, all_types, blank_message, cdr_of
 from tactile_ros.evaluation.fleet import evaluate_bag
 from tactile_ros.evaluation.recording_files import Bag, load
 from tactile_ros.evaluation.replay import replay
-from tactile_ros.messages import fill_contacts
+from tactile_ros.messages import fill_contacts, fill_frame, fill_header, fill_layout
+from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame, Recording
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tactile_ros.pipeline import Pipeline
 
 SHORT = 90  # s: more than two pieces, so that memory has reached what it needs
 QUICK = 30  # s
@@ -69,7 +66,12 @@ def run(extent: str, command: str) -> BenchResult:
         if not quick:
             short = folder / 'short'
             write_bag(short, pipeline, source.select(slice(0, SHORT * RATE_HZ)))
-            rows += _memory_rows(short, bag, folder / 'calibration.npz', LONGER[extent])
+            least, most = (_peak(one, folder / 'calibration.npz') for one in (short, bag))
+            what = f'peak memory, bag {LONGER[extent]} x longer'
+            rows += [
+                Row('peak memory', 'MB', most / 1e3),
+                Row(what, 'ratio', most / least, aim=1.1),
+            ]
         size = sum(file.stat().st_size for file in bag.glob('*.mcap')) / 1e6
     said = f'{frames} frames of {CHIPS} chips with contacts and truth, {size:.0f} MB; '
     notes = [said + ', '.join(pipeline.estimators.values())]
@@ -119,144 +121,77 @@ def fitted() -> Pipeline:
     return load_sensor('reskin_board').pipeline(config).fit(touches(1500, SEED))
 
 
-class Messages:
-    """Serialised messages of the board."""
-
-    def __init__(self, recording: Recording) -> None:
-        self.store = all_types()
-        self.recording = recording
-        self.makers: dict[str, Callable[[], object]] = {}
-
-    def new(self, name: str) -> object:
-        """A message with every field empty or zero."""
-        if name not in self.makers:
-            kind, fields = self.store.types[name], self.store.fielddefs[name][1]
-            makers = {field: self._maker(*what) for field, what in fields}
-            self.makers[name] = lambda: kind(**{f: make() for f, make in makers.items()})
-        return self.makers[name]()
-
-    def _maker(self, kind: int, what: object) -> Callable[[], object]:
-        if kind == 1:
-            blank = '' if what[0] == 'string' else np.dtype(what[0]).type(0).item()
-            return lambda: blank
-        if kind == 2:
-            return lambda: self.new(what)
-        (inner, name), count = what
-        if inner == 1 and name[0] != 'string':
-            return lambda: np.zeros(count, name[0])
-        return list
-
-    def header(self, message: object, stamp_ns: int) -> None:
-        """Stamp and frame id."""
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
-        message.header.frame_id = 'tactile_sensor'
-
-    def frame(self, frame: Frame) -> object:
-        """TactileFrame."""
-        message = self.new('tactile_ros/msg/TactileFrame')
-        self.header(message, frame.stamp_ns or 0)
-        message.sequence, message.valid = frame.sequence, True
-        message.values = np.ravel(frame.values)
-        if frame.temperature_c is not None:
-            message.temperature_c = frame.temperature_c
-        return message
-
-    def layout(self) -> object:
-        """TactileLayout."""
-        message = self.new('tactile_ros/msg/TactileLayout')
-        layout = self.recording.layout
-        message.sensor, message.unit = layout.sensor, layout.unit
-        message.channels, message.rate_hz = list(layout.channels), float(RATE_HZ)
-        message.saturation = np.asarray(layout.saturation, np.float64)
-        for x, y, z in layout.positions.tolist():
-            point = self.new('geometry_msgs/msg/Point')
-            point.x, point.y, point.z = x, y, z
-            message.positions.append(point)
-        return message
-
-    def contacts(self, frame: Frame, state: object, *, stamped: bool = True) -> object:
-        """TactileContacts of a state or of a row of truth."""
-        message = self.new('tactile_ros/msg/TactileContacts')
-        fill_contacts(message, state, lambda: self.new('tactile_ros/msg/TactileContact'))
-        for name in ('taxel_force', 'deformation', 'taxel_status'):
-            setattr(message, name, np.asarray(getattr(message, name)))
-        self.header(message, frame.stamp_ns if stamped else 0)
-        message.sequence = frame.sequence
-        return message
-
-    def cdr(self, message: object) -> bytes:
-        """Serialised."""
-        return bytes(self.store.serialize_cdr(message, message.__msgtype__))
-
-
 def write_bag(path: Path, pipeline: Pipeline, recording: Recording) -> None:
     """What a recorder hears of a live run, a tare every ten seconds."""
-    messages = Messages(recording)
     pipeline = copy(pipeline)  # its tares are its own
     pipeline.reset()
     blank = pipeline.process_batch(recording.select(slice(0, 1)))[0]
+    blank = replace(blank, position_cov=np.full((3, 3), np.nan), contacts_id=np.array([-1]))
+
+    def frame_of(frame: Frame) -> object:
+        message = blank_message('TactileFrame')
+        fill_frame(message, frame, 'tactile_sensor')
+        return message
+
+    def contacts(frame: Frame, state: object, stamp_ns: int | None) -> object:
+        message = blank_message('TactileContacts')
+        fill_contacts(message, state, partial(blank_message, 'TactileContact'))
+        fill_header(message.header, stamp_ns, 'tactile_sensor')
+        message.sequence = frame.sequence
+        return message
+
     with BagWriter(path) as bag:
 
         def put(topic: str, message: object, log_ns: int) -> None:
-            bag.write(topic, message.__msgtype__, log_ns, messages.cdr(message))
+            bag.write(topic, message.__msgtype__, log_ns, cdr_of(message))
 
-        put('/layout', messages.layout(), START_NS)
-        text = messages.new('std_msgs/msg/String')
+        layout = blank_message('TactileLayout')
+        parts = (partial(blank_message, f'geometry_msgs/msg/{k}') for k in ('Point', 'Quaternion'))
+        fill_layout(layout, recording.layout, *parts)
+        layout.rate_hz = float(RATE_HZ)
+        put('/layout', layout, START_NS)
+        text = blank_message('std_msgs/msg/String')
         text.data = pipeline.digest
         put('/calibration', text, START_NS)
         for row in range(len(recording)):
             frame = recording.frame(row)
+            at = frame.stamp_ns
             if row % (10 * RATE_HZ) == 10:
-                rest = Frame(frame.stamp_ns, row, recording.values[row], averaged=0)
-                put('/baseline', messages.frame(rest), frame.stamp_ns)
+                rest = Frame(at, row, recording.values[row], averaged=0)
+                put('/baseline', frame_of(rest), at)
                 pipeline.tare([rest])
-            put('/frame', messages.frame(frame), frame.stamp_ns + 1_000_000)
-            state = pipeline.process(frame)
-            put('/contacts', messages.contacts(frame, state), frame.stamp_ns + 2_000_000)
+            put('/frame', frame_of(frame), at + 1_000_000)
+            put('/contacts', contacts(frame, pipeline.process(frame), at), at + 2_000_000)
             told = {key: value[row] for key, value in recording.truth.items()}
-            told |= {'position_cov': np.full((3, 3), np.nan), 'contacts_id': np.array([-1])}
-            truth = replace(blank, **told)
-            put('/truth/contacts', messages.contacts(frame, truth, stamped=False),
-                frame.stamp_ns + 3_000_000)  # fmt: skip
+            truth = contacts(frame, replace(blank, **told), None)
+            put('/truth/contacts', truth, at + 3_000_000)
 
 
-@dataclass(frozen=True)
-class Timed:
-    """What came out, and the least processor time of some runs (s)."""
-
-    result: object
-    seconds: float
-
-
-def timed(what: Callable[[], object], repeats: int) -> Timed:
-    """Run it some times."""
-    spent, result = [], None
+def timed(what: Callable[[], object], repeats: int) -> tuple[object, float]:
+    """What comes out of some runs, and their least processor time (s)."""
+    spent = []
     for _ in range(repeats):
         begin = time.process_time()
         result = what()
         spent.append(time.process_time() - begin)
-    return Timed(result, min(spent))
+    return result, min(spent)
 
 
 def _rows(bag: Path, pipeline: Pipeline, frames: int, repeats: int) -> list[Row]:
     """Figures of one bag."""
-    ours = timed(lambda: evaluate_bag(bag, {'c': pipeline}), repeats)
-    read = timed(lambda: sum(1 for _ in Bag(bag)), repeats)
-    theirs = timed(lambda: _by_rosbags(bag), repeats)
-    (found,) = ours.result
-    whole = _whole(bag, pipeline)
-    part = found.answers[0].target('position').spread
-    each = 1e6 * ours.seconds / frames
+    (found,), ours = timed(lambda: evaluate_bag(bag, {'c': pipeline}), repeats)
+    _, read = timed(lambda: sum(1 for _ in Bag(bag)), repeats)
+    _, theirs = timed(lambda: _by_rosbags(bag), repeats)
+    part, micro = found.answers[0].target('position').spread, 1e6 / frames
     return [
-        Row('replay against real time', 'ratio', frames / RATE_HZ / ours.seconds, 'high',
-            aim=500.0, us_batch=each),
-        Row('replay against reading by rosbags', 'ratio', ours.seconds / theirs.seconds, aim=3.0),
-        Row('of it: reading into arrays', 'us', 1e6 * read.seconds / frames,
-            peer=1e6 * theirs.seconds / frames),
+        Row('replay against real time', 'ratio', frames / RATE_HZ / ours, 'high', aim=500.0,
+            us_batch=micro * ours),
+        Row('replay against reading by rosbags', 'ratio', ours / theirs, aim=3.0),
+        Row('of it: reading into arrays', 'us', micro * read, peer=micro * theirs),
         Row('largest difference to live contacts', '1', found.answers[0].agreement.largest,
             bound=0.0, aim=1e-9),
-        Row('mean error of place, pieces less whole', 'm', abs(part.mean - whole), bound=0.0,
-            aim=1e-12),
+        Row('mean error of place, pieces less whole', 'm', abs(part.mean - _whole(bag, pipeline)),
+            bound=0.0, aim=1e-12),
     ]  # fmt: skip
 
 
@@ -277,15 +212,6 @@ def _whole(bag: Path, pipeline: Pipeline) -> float:
     states = replay(loaded, pipeline).states
     error = states.position[:, :2] - loaded.recording.truth['position'][:, :2]
     return float(np.nanmean(np.linalg.norm(error, axis=1)))
-
-
-def _memory_rows(short: Path, long: Path, calibration: Path, longer: int) -> list[Row]:
-    """What bags of two lengths take."""
-    least, most = (_peak(bag, calibration) for bag in (short, long))
-    return [
-        Row('peak memory', 'MB', most / 1e3),
-        Row(f'peak memory, bag {longer} x longer', 'ratio', most / least, aim=1.1),
-    ]
 
 
 def _peak(bag: Path, calibration: Path) -> int:

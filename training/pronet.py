@@ -110,7 +110,7 @@ def trained(
     steps = epochs * TASKS // TOGETHER
     optimizer = torch.optim.Adam(net.parameters(), lr=RATE)
     slower = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
-    same = mirrors(trials.world_module().SENSOR.config().positions)[: 1 if printed else None]
+    same = mirrors(trials.world.SENSOR.config().positions)[: 1 if printed else None]
     net.train()
     for _ in range(steps):
         known, asked = [], []
@@ -212,7 +212,7 @@ def _sized() -> tuple[list[object], list[object], str]:
 
 def shapes(trials: ModuleType, skin: object, options: argparse.Namespace) -> None:
     """Table III, and the new heads; Pronet-L of one shot is written."""
-    world = trials.world_module()
+    world = trials.world
     places = world.stations()
     learn, held = trials.split_places(options.seed)
     whole = trials.collection(skin, world.nine_heads(), places, options.seed)
@@ -246,7 +246,7 @@ def shapes(trials: ModuleType, skin: object, options: argparse.Namespace) -> Non
 
 def postures(trials: ModuleType, skin: object, options: argparse.Namespace) -> None:
     """Table V and figure 9: two bars teach, the third is asked; then at random places."""
-    world = trials.world_module()
+    world = trials.world
     rng = np.random.default_rng([41, options.seed])
     somewhere = rng.uniform(-trials.SPAN, trials.SPAN, (6, 2))
     heads, turns = world.bars(), trials.POSTURES
@@ -306,7 +306,7 @@ def main() -> None:
     torch.set_num_threads(1)
     from benchmarks.worlds import multipole_trials as trials
 
-    skin = trials.world_module().World(trials.SKIN)
+    skin = trials.world.World(trials.SKIN)
     train = shapes if options.what == 'shapes' else postures
     train(trials, skin, options)
 

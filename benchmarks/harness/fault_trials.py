@@ -8,9 +8,9 @@ taken. Time is virtual; where a driver waits for a port in real time, that is ad
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,13 +18,8 @@ from tactile_ros.conditioning.faults import UNUSABLE
 from tactile_ros.devices.simulated_serial import AWAY_S, STALL_S, SerialTwin
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.errors import DeviceTimeout
+from tactile_ros.sensors import SensorSpec
 from tactile_ros.types import Array, Bools, Closing, Frame, Layout, TaxelStatus
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from tactile_ros.sensors import SensorSpec
-    from tactile_ros.types import Device
 
 RATE_HZ = 80.0
 START_NS = 10**12
@@ -32,49 +27,28 @@ SIGNAL_S = 15.0
 # resting level, span of the signal and tolerance by unit; the coarsest steps are 2.5 uT and 1/1023
 SIZES = {'T': (0.3e-3, 1.6e-3, 10e-6), '1': (0.2, 0.6, 3e-3)}
 BLOCK, MOST_NUMBERS = 16, 1024  # frames, and numbers in them, that wait in a port
-DRAIN_S = 0.004
-LONGEST_S = 10.0
-# how long they last (s); such a fault comes again when it is over
-LONG = {'unplug': AWAY_S, 'stall': STALL_S}
-PATIENCE_S = 5.0
+DRAIN_S, PATIENCE_S, LONGEST_S = 0.004, 5.0, 10.0
+LONG = {'unplug': AWAY_S, 'stall': STALL_S}  # s; such a fault comes again when it is over
 MARKS = {
     'saturation': TaxelStatus.SATURATED,
     'wrap': TaxelStatus.WRAPPED,
     'stuck_chip': TaxelStatus.STUCK | TaxelStatus.STALE,
 }
-# frames or transfers of a storm, where they are not five
-STORMS = {'stuck_chip': 30, 'unplug': 2, 'stall': 2}
-STORM = 5
+STORM, STORMS = 5, {'stuck_chip': 30, 'unplug': 2, 'stall': 2}  # frames or transfers
 COUNTERS = {
-    'nack': ('nacks',),
-    'brown_out': ('resets',),
-    'stuck_bus': ('bus_errors',),
-    'stall': ('stalls', 'suspected'),
-    'unplug': ('reconnects', 'bus_errors'),
+    'nack': ('nacks',), 'brown_out': ('resets',), 'stuck_bus': ('bus_errors',),
+    'stall': ('stalls', 'suspected'), 'unplug': ('reconnects', 'bus_errors'),
     'clock_jump': ('clock_jumps',),
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Trial:
     """Outcome of one fault.
 
-    Attributes
-    ----------
-    fault : str
-        Its name.
-    injected : int
-        How often it happened.
-    counted : int
-        What the driver's counter for it says; of saturation, wrap and stuck_chip the frames in
-        which a reading was marked.
-    recovery_s : float
-        Longest time between two frames of which every taxel may be used (s).
-    wrong : int
-        Taxel readings that no bit marks and that are not what was there, and STALE ones that are
-        not the reading before.
-    frames : int
-        That the driver delivered.
+    It was `counted` by the driver, or as frames with a mark (saturation, wrap, stuck_chip).
+    `recovery_s` is the longest time between two frames of which every taxel may be used; `wrong`
+    readings are not what was there without a bit, or STALE and not the reading before.
     """
 
     fault: str
@@ -86,41 +60,20 @@ class Trial:
 
 
 class Road(Closing):
-    """A sensor's driver over its twin on a virtual clock; a context manager.
+    """A sensor's driver over its twin at 80 Hz on a virtual clock; a context manager.
 
-    Parameters
-    ----------
-    spec : SensorSpec
-        The sensor.
-    connection : mapping
-        Fields of its connection that are not the default.
-    seed : int
-        Of signal and faults.
-    noise : float
-        Standard deviation of a reading (unit of the layout).
-
-    Attributes
-    ----------
-    layout : Layout
-        Of the sensor, at 80 Hz.
-    waited_s : float
-        Real time that the driver took to find its port again (s).
-    block : int
-        Frames that a serial board sends before the driver reads; 1: each is read when it comes.
+    `connection` holds fields that are not the default; `noise` is that of a reading (unit of the
+    layout). A serial board sends `block` frames before the driver reads.
     """
 
     def __init__(
-        self,
-        spec: SensorSpec,
-        connection: Mapping[str, object] | None = None,
-        seed: int = 0,
+        self, spec: SensorSpec, connection: Mapping[str, object] | None = None, seed: int = 0,
         noise: float = 0.0,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """See the class."""
-        config: Any = replace(spec.config(), noise=noise, rate_hz=RATE_HZ)  # type: ignore[type-var]
-        self.layout = spec.layout(config)
-        self.noise = noise
-        self.waited_s = 0.0
+        config = replace(spec.config(), noise=noise, rate_hz=RATE_HZ)
+        self.layout, self.noise = spec.layout(config), noise
+        self.waited_s = 0.0  # real time that the driver took to find its port again
         self.usual_block = max(1, min(BLOCK, MOST_NUMBERS // int(np.prod(self.layout.shape))))
         self.block = self.usual_block
         self.clock = VirtualClock(START_NS)
@@ -137,7 +90,7 @@ class Road(Closing):
         with ExitStack() as stack:
             self._begun_ns = self.clock.now_ns()
             stack.enter_context(self.twin)
-            self.device: Device = stack.enter_context(self.twin.device(self.clock.now_ns))
+            self.device = stack.enter_context(self.twin.device(self.clock.now_ns))
             self._held = stack.pop_all()
         return self
 
@@ -156,7 +109,7 @@ class Road(Closing):
         while self.clock.now_ns() < end_ns:
             if isinstance(self.twin, SerialTwin):
                 self.twin.play(self.block)
-                frames += self._drain(DRAIN_S)
+                frames += self._drain()
             else:
                 frames += self._read(0.1)
         return frames
@@ -168,34 +121,24 @@ class Road(Closing):
         except DeviceTimeout:
             return []
 
-    def _drain(self, timeout: float) -> list[Frame]:
+    def _drain(self) -> list[Frame]:
         """All that has come; a port that is there again is waited for."""
         frames: list[Frame] = []
         begun = time.monotonic()
         while time.monotonic() - begun < PATIENCE_S:
-            waits = isinstance(self.twin, SerialTwin) and self.twin.awaited
-            got = self._read(timeout)
+            waits = self.twin.awaited
+            got = self._read(DRAIN_S)
             frames += got
             if waits:
-                self.waited_s += timeout
+                self.waited_s += DRAIN_S
             elif not got:
-                return frames
+                break
         return frames
 
     def times(self, frames: list[Frame], counted: bool = False) -> Array:
-        """When each frame was taken, shape (s,) (s).
+        """When each frame was taken, shape (s,) (s): by its readings, or stamps of chips on I2C.
 
-        Parameters
-        ----------
-        frames : list of Frame
-            In their order.
-        counted : bool
-            By sequence from the first on, where readings that repeat themselves tell no time.
-
-        Returns
-        -------
-        ndarray, shape (s,)
-            By what the usable readings tell; of chips on I2C by the stamps.
+        `counted`: by sequence from the first on, where readings that repeat tell no time.
         """
         found = np.empty(len(frames))
         for i, frame in enumerate(frames):
@@ -216,10 +159,9 @@ class Road(Closing):
         periods = np.arange(first, max(first, last) + 1)
         truth = np.array([self.signal(k / RATE_HZ) for k in periods])
         off = np.abs(truth - frame.values)[:, usable(frame)]
-        if not off.size:
-            return self._seen
-        near = np.median(off.reshape(len(off), -1), axis=1)
-        self._seen = float(periods[int(near.argmin())] / RATE_HZ)
+        if off.size:
+            near = np.median(off.reshape(len(off), -1), axis=1)
+            self._seen = float(periods[int(near.argmin())] / RATE_HZ)
         return self._seen
 
     def wrong(self, frame: Frame, t: float, before: Frame | None = None) -> int:
@@ -249,11 +191,7 @@ def telling(layout: Layout, seed: int) -> Callable[[float], Array]:
     rng = np.random.default_rng(seed)
     slope = span * rng.uniform(0.5, 1.0, layout.shape) / SIGNAL_S
     start = level * rng.uniform(0.8, 1.2, layout.shape)
-
-    def signal(t: float) -> Array:
-        return np.asarray(start + slope * min(t, SIGNAL_S))
-
-    return signal
+    return lambda t: np.asarray(start + slope * min(t, SIGNAL_S))
 
 
 def usable(frame: Frame) -> Bools:
@@ -265,24 +203,10 @@ def usable(frame: Frame) -> Bools:
 
 
 def suffer(road: Road, fault: str, count: int = 1, settle_s: float = 1.0) -> Trial:
-    """Let a running road suffer a fault, and see what the driver makes of it.
+    """Let an entered road suffer a fault, and see what the driver makes of it.
 
-    Parameters
-    ----------
-    road : Road
-        Entered.
-    fault : str
-        One of the twin's.
-    count : int
-        Frames or transfers that are hit, one after the other; stall and unplug come again when
-        they are over.
-    settle_s : float
-        Virtual time before and after (s).
-
-    Returns
-    -------
-    Trial
-        What happened.
+    `count` frames or transfers are hit, one after the other; stall and unplug come again when
+    they are over. `settle_s` of virtual time pass before and after.
     """
     # told by the time of arrival
     road.block = 1 if fault == 'stall' else road.usual_block
@@ -301,13 +225,10 @@ def suffer(road: Road, fault: str, count: int = 1, settle_s: float = 1.0) -> Tri
     gaps = np.diff(times[good]) if good.sum() > 1 else np.array([np.inf])
     away = (road.waited_s - waited) / (count if fault == 'unplug' else 1)
     return Trial(
-        fault,
-        road.twin.injected[fault] - before,
-        _counted(fault, frames, counted, road.counters()),
-        float(gaps.max()) + away,
-        sum(map(road.wrong, frames, times, [None, *frames[:-1]])),
-        len(frames),
-    )
+        fault, road.twin.injected[fault] - before,
+        _counted(fault, frames, counted, road.counters()), float(gaps.max()) + away,
+        sum(map(road.wrong, frames, times, [None, *frames[:-1]])), len(frames),
+    )  # fmt: skip
 
 
 def _counted(
@@ -315,11 +236,8 @@ def _counted(
 ) -> int:
     """What the driver's own counter, or the marks in its frames, say of a fault."""
     if fault in MARKS:
-        return sum(
-            bool((frame.status & MARKS[fault]).any())
-            for frame in frames
-            if frame.status is not None
-        )
+        told = (frame.status for frame in frames if frame.status is not None)
+        return sum(bool((status & MARKS[fault]).any()) for status in told)
     names = COUNTERS.get(fault, ('dropped',))
     name = next((name for name in names if name in after), 'dropped')
     return after.get(name, 0) - before.get(name, 0)

@@ -4,51 +4,36 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmarks.harness.fault_trials import usable
 from tactile_ros.devices import framed_protocol, reskin_protocol
 from tactile_ros.devices.chip_array import ChipArray
-from tactile_ros.devices.framed_protocol import FramedDecoder
+from tactile_ros.devices.framed_protocol import FramedDecoder, Payload
 from tactile_ros.devices.mlx90393 import ChipPlace, ChipSettings
 from tactile_ros.devices.reskin_protocol import ReskinDecoder
-from tactile_ros.devices.simulated_i2c import ChipArrayTwin
+from tactile_ros.devices.simulated_i2c import ChipArrayTwin, SimulatedI2cBus
 from tactile_ros.devices.simulated_serial import BYTE_FAULTS, damage
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.devices.transport import I2cBus
 from tactile_ros.errors import DeviceTimeout
-from tactile_ros.types import Array, Layout
+from tactile_ros.types import Layout
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from tactile_ros.devices.framed_protocol import Payload
-    from tactile_ros.devices.simulated_i2c import SimulatedI2cBus
-    from tactile_ros.devices.transport import I2cMessage
-
-CHUNK = 1000
-PIECE = 4096
+CHUNK, PIECE = 1000, 4096
+CHIPS, FIELD = 4, (1e-3, 2e-3, -1e-3)
+TOLERANCE = 100e-6  # above the noise of the twin, below any wrong reading that matters
+PATIENCE_NS = 10 * 10**9
 
 
 @dataclass
 class Fuzzed:
     """What a decoder did with hostile strings.
 
-    Attributes
-    ----------
-    strings : int
-        That it was fed.
-    wrong : int
-        Frames delivered that nobody sent.
-    lost : int
-        Most good frames lost by one string.
-    held : int
-        Most bytes held back.
-    slowest_s : float
-        Longest processor time of one feed (s).
+    `wrong` frames that nobody sent were delivered; one string cost `lost` good frames at most,
+    `held` bytes were held back at most, and the slowest feed took `slowest_s` of a processor.
     """
 
     strings: int = 0
@@ -116,33 +101,14 @@ class BoardSubject:
 
 
 def suffer_bytes(subject: FramedSubject | BoardSubject, count: int, seed: int) -> Fuzzed:
-    """Good frames with hostile strings between them, until so many strings have passed.
-
-    Parameters
-    ----------
-    subject : FramedSubject or BoardSubject
-        The decoder.
-    count : int
-        Hostile strings at least.
-    seed : int
-        Of all bytes.
-
-    Returns
-    -------
-    Fuzzed
-        What it did with them.
-    """
+    """Good frames with at least so many hostile strings between them; what a decoder did."""
     rng = np.random.default_rng(seed)
     found = Fuzzed()
     frames, _ = subject.frames(8, rng)
     subject.feed(b''.join(frames))
     while found.strings < count:
         frames, told = subject.frames(3 * CHUNK, rng)
-        stream = [
-            part
-            for i in range(0, 3 * CHUNK, 3)
-            for part in (_hostile(frames[i], rng), frames[i + 1], frames[i + 2])
-        ]
+        stream = [frame if i % 3 else _hostile(frame, rng) for i, frame in enumerate(frames)]
         got = set(_fed(subject, b''.join(stream), found))
         found.wrong += len(got.difference(told))
         lost = [told[i + 1] not in got for i in range(0, 3 * CHUNK, 3)]
@@ -182,28 +148,12 @@ def cut(data: bytes, size: int) -> list[bytes]:
     return [data[i : i + size] for i in range(0, len(data), size)]
 
 
-CHIPS = 4
-FIELD = (1e-3, 2e-3, -1e-3)
-# above the noise of the twin, below any wrong reading that matters
-TOLERANCE = 100e-6
-PATIENCE_NS = 10 * 10**9
-
-
 @dataclass
 class HostileChips:
-    """What the driver made of hostile answers.
+    """What the driver made of hostile answers, with no bit that marks it.
 
-    Attributes
-    ----------
-    strings : int
-        Hostile answers.
-    beyond : int
-        Readings outside of the range that no bit marks.
-    wrong : int
-        Readings that no bit marks and that are not what the chip measured, where only status
-        bytes were hostile.
-    recovery_s : float
-        Time until all chips could be used again, afterwards (s).
+    `beyond` readings lie outside of the range; `wrong` ones are not what the chip measured, where
+    only status bytes were hostile. Then all chips could be used again within `recovery_s`.
     """
 
     strings: int = 0
@@ -213,39 +163,17 @@ class HostileChips:
 
 
 class HostileBus:
-    """A simulated bus, some of whose answers to the reads of measurements are random.
-
-    Parameters
-    ----------
-    bus : SimulatedI2cBus
-        With the chips.
-    length : int
-        Of the answers that are hostile (bytes).
-    hostile : int
-        Bytes of them, from the first, that are random.
-    rng : Generator
-        Of the bytes.
-
-    Attributes
-    ----------
-    active : bool
-        Whether every other answer is hostile.
-    strings : int
-        Hostile answers so far.
-    """
+    """A simulated bus; while `active`, `hostile` first bytes of answers of a length are random."""
 
     def __init__(
         self, bus: SimulatedI2cBus, length: int, hostile: int, rng: np.random.Generator
     ) -> None:
         """See the class."""
-        self.active = False
-        self.strings = 0
-        self._bus = bus
-        self._length = length
-        self._hostile = hostile
-        self._rng = rng
+        self.active, self.strings = False, 0
+        self._bus, self._length, self._hostile, self._rng = bus, length, hostile, rng
+        self.close = bus.close
 
-    def i2c_rdwr(self, *messages: I2cMessage) -> None:
+    def i2c_rdwr(self, *messages: object) -> None:
         """Exchange bytes."""
         self._bus.i2c_rdwr(*messages)
         answer = messages[-1]
@@ -254,37 +182,19 @@ class HostileBus:
             for i, byte in enumerate(self._rng.bytes(self._hostile)):
                 answer.buf[i] = byte
 
-    def close(self) -> None:
-        """Let the bus go."""
-        self._bus.close()
-
 
 def suffer_answers(
     strings: int, resolution: int, status_only: bool, rng: np.random.Generator
 ) -> HostileChips:
-    """Let four chips answer with random bytes.
+    """Let four chips answer with random bytes; `status_only`: codes stay what they measured.
 
-    Parameters
-    ----------
-    strings : int
-        Hostile answers.
-    resolution : int
-        Of all axes, 0 to 3; at 3 random codes lie outside of the range, too.
-    status_only : bool
-        Whether the codes stay what the chip measured.
-    rng : Generator
-        Of the bytes.
-
-    Returns
-    -------
-    HostileChips
-        What the driver made of them.
+    At a resolution of 3 random codes lie outside of the range, too.
     """
     settings = ChipSettings(resolution=(resolution,) * 3)
     places = [ChipPlace(0x0C + i) for i in range(CHIPS)]
     layout = Layout(np.zeros((CHIPS, 3)), ('Bx', 'By', 'Bz'), 'T')
-    clock = VirtualClock()
-    twin = ChipArrayTwin(places, layout, _field, settings=settings, clock=clock, seed=1)
+    clock, field = VirtualClock(), np.tile(FIELD, (CHIPS, 1))
+    twin = ChipArrayTwin(places, layout, lambda t: field, settings=settings, clock=clock, seed=1)
     length = settings.answer_bytes
     bus = HostileBus(twin.buses[0], length, 1 if status_only else length, rng)
     array = ChipArray(
@@ -295,38 +205,25 @@ def suffer_answers(
     with twin, array:
         bus.active = True
         while bus.strings < strings:
-            _judge(array, settings, status_only, found)
+            values = _usable(array)
+            over = (np.abs(values) >= settings.full_scale).any(axis=1)
+            found.beyond += int(np.count_nonzero(over))
+            if status_only:
+                off = (np.abs(values - FIELD) > TOLERANCE).any(axis=1)
+                found.wrong += int(np.count_nonzero(off))
         bus.active = False
         begun_ns = clock.now_ns()
-        while not _all_good(array) and clock.now_ns() - begun_ns < PATIENCE_NS:
+        while len(_usable(array)) < CHIPS and clock.now_ns() - begun_ns < PATIENCE_NS:
             pass
         found.recovery_s = (clock.now_ns() - begun_ns) * 1e-9
     found.strings = bus.strings
     return found
 
 
-def _field(t: float) -> Array:
-    """What the chips measure (T)."""
-    return np.tile(FIELD, (CHIPS, 1))
-
-
-def _judge(
-    array: ChipArray, settings: ChipSettings, status_only: bool, found: HostileChips
-) -> None:
-    """Count what lies in one frame."""
+def _usable(array: ChipArray) -> np.ndarray:
+    """Readings (n, 3) of the next frame that may be used; none where it does not come."""
     try:
         frame = array.read(0.1)
     except DeviceTimeout:
-        return
-    values = frame.values[usable(frame)]
-    found.beyond += int(np.count_nonzero((np.abs(values) >= settings.full_scale).any(axis=1)))
-    if status_only:
-        found.wrong += int(np.count_nonzero((np.abs(values - FIELD) > TOLERANCE).any(axis=1)))
-
-
-def _all_good(array: ChipArray) -> bool:
-    """Whether every chip of the next frame may be used."""
-    try:
-        return bool(usable(array.read(0.1)).all())
-    except DeviceTimeout:
-        return False
+        return np.zeros((0, 3))
+    return frame.values[usable(frame)]

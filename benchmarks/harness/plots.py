@@ -1,22 +1,23 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Plots of taxel arrays: objects over the taxels that they press, spread, drift, speed."""
+"""Plots of benches: cells and errors over a pad, objects over taxels, curves."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from tactile_ros.evaluation.figures import MM, Plot, confusion_plot, standalone
-from tactile_ros.evaluation.metrics import confusion
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from tactile_ros.types import Array, Integers, Outline
+from tactile_ros.evaluation.figures import MM, Plot, standalone
+from tactile_ros.types import Array, Outline
 
 SHADES = (60.0, 75.0, 85.0, 92.0, 97.0)  # % of a cell: below the first one an alarming colour
 STEPS_MM = (0.2, 0.4, 0.6, 0.9, 1.5)
+MANY = 500  # taxels, of which those that feel nothing are not drawn
+PRESSURES = (0.02, 0.2, 0.4, 0.6)  # of the largest one, between shades
+GLYPHS = '●■▲◆'  # of the marks, in their order
+KEY = 0.09  # of the axis, that a line of the key takes
+MARKS = (0.15, 0.5, 0.85)  # of a line, where its marks stand
+ARM = 0.04  # m, of a tube: longer than an array
 
 
 def cell_map(cells: Array, shares: Array, told: str) -> str:
@@ -46,68 +47,6 @@ def error_map(places: Array, error: Array, told: str) -> str:
     plot = Plot.plan(along, across, '(mm)', told)
     plot.boxes(x, y, 0.7, [f's{np.searchsorted(STEPS_MM, MM * one)}' for one in error])
     return standalone(plot)
-
-
-def cost_map(costs: Mapping[str, tuple[float, float]], told: str) -> str:
-    """Time of a frame (us) against error of the place (mm), for methods by name."""
-    time, error = np.array(list(costs.values())).T
-    plot = Plot(
-        (0.5 * time.min(), 3 * time.max()), (0.0, 1.15 * error.max()), 'time of a frame (us)',
-        'mean error of the place (mm)', (520, 320), log_x=True, description=told,
-    )  # fmt: skip
-    for i, (name, (a, b)) in enumerate(costs.items()):
-        plot.mark(a, b, i, f'fill c{i % 5}')
-        plot.text(a, b, f'  {name}', shift=(-6.0, 14.0, -10.0, 14.0, -22.0)[i % 5])
-    return standalone(plot)
-
-
-def drawings(
-    cells: Array,
-    places: Array,
-    said: Array,
-    named: Mapping[str, Integers],
-    true: Integers,
-    costs: Mapping[str, tuple[float, float]],
-) -> dict[str, str]:
-    """Plots by name.
-
-    Parameters
-    ----------
-    cells : ndarray, shape (n, 3)
-        Centres (m).
-    places, said : ndarray, shape (s, 3)
-        True and estimated (m).
-    named : mapping of str to ndarray, shape (s,)
-        Cells by the name of a method.
-    true : ndarray of int, shape (s,)
-        Cells.
-    costs : mapping of str to tuple of float
-        Time (us) and error (mm) by the name of a method.
-
-    Returns
-    -------
-    dict of str to str
-        SVG text.
-    """
-    found = {}
-    for name, cell in named.items():
-        table = confusion(cell, true, len(cells))
-        words = f'Share of touches of each cell that {name} names rightly (%)'
-        found[f'cells_{name}'] = cell_map(cells, np.diag(table), words)
-        words = f'Cells as {name} name them, a row for each true cell'
-        found[f'confusion_{name}'] = standalone(confusion_plot(table, 'cell', words))
-    error = np.linalg.norm(said - places, axis=1)
-    found['errors'] = error_map(places, error, 'Error of the place over the pad')
-    found['speed'] = cost_map(costs, 'Time of a frame against error of the place')
-    return found
-
-
-MANY = 500  # taxels, of which those that feel nothing are not drawn
-ARRAY_FIGURES_SHADES = (0.02, 0.2, 0.4, 0.6, 0.8)  # of the largest pressure, between six shades
-GLYPHS = '●■▲◆'  # of the marks, in their order
-KEY = 0.09  # of the axis, that a line of the key takes
-MARKS = (0.15, 0.5, 0.85)  # of a line, where its marks stand
-ARM = 0.04  # m, of a tube: longer than an array
 
 
 def taxel_corners(
@@ -146,21 +85,8 @@ def object_map(
 ) -> str:
     """What taxels feel, where an object was found (strong line) and where it lies (thin line).
 
-    Parameters
-    ----------
-    corners : sequence of ndarray, shape (n, 2)
-        Of the taxels (m).
-    pressure : ndarray, shape (t,)
-        Any unit; NaN: a taxel that is known to be bad.
-    found, true : list of ndarray, shape (n, 2)
-        Lines of the object (m).
-    told : str
-        What is shown, for those who cannot see it.
-
-    Returns
-    -------
-    str
-        SVG.
+    `corners` (n, 2) of each taxel and lines (n, 2) of the object in metres; `pressure` (t,) in any
+    unit, NaN: a taxel that is known to be bad.
     """
     every = MM * np.concatenate(list(corners))
     margin = 0.03 * float(np.ptp(every[:, 0]))
@@ -168,13 +94,9 @@ def object_map(
     plot = Plot.plan(ends[0], ends[1], '(mm)', told)
     top = max(float(np.nanmax(pressure)), 1e-30)
     for shape, value in zip(corners, pressure, strict=True):
-        if len(corners) > MANY and not value > ARRAY_FIGURES_SHADES[0] * top:
+        if len(corners) > MANY and not value > PRESSURES[0] * top:
             continue
-        shade = (
-            's0'
-            if np.isnan(value)
-            else f's{np.searchsorted(ARRAY_FIGURES_SHADES[:4], value / top)}'
-        )
+        shade = 's0' if np.isnan(value) else f's{np.searchsorted(PRESSURES, value / top)}'
         x, y = MM * np.concatenate([shape, shape[:1]]).T
         plot.line(x, y, shade)
         if np.isnan(value):
@@ -187,23 +109,15 @@ def object_map(
     return standalone(plot)
 
 
-def curves(
-    lines: Mapping[str, tuple[Array, Array]],
-    labels: tuple[str, str],
-    told: str,
-    *,
-    log_x: bool = False,
-    log_y: bool = False,
-) -> str:
+def curves(lines: Mapping[str, tuple[Array, Array]], labels: tuple[str, str], told: str) -> str:
     """Lines by name over shared axes; colours and marks along them are those of a key above."""
     x = np.concatenate([x for x, _ in lines.values()])
     y = np.concatenate([y[np.isfinite(y)] for _, y in lines.values()])
-    low = float(y.min()) * 0.8 if log_y else min(0.0, 1.1 * float(y.min()))
-    high, room = 1.15 * float(y.max()), KEY * len(lines)
-    high = high * (high / low) ** room if log_y else high + room * (high - low)
+    low, high = min(0.0, 1.1 * float(y.min())), 1.15 * float(y.max())
+    high += KEY * len(lines) * (high - low)
     plot = Plot(
         (float(x.min()), float(x.max())), (low, high), *labels, (520, 320),
-        log_x=log_x, description=told, log_y=log_y,
+        description=told,
     )  # fmt: skip
     for i, (name, (u, v)) in enumerate(lines.items()):
         plot.line(u, v, f'line c{i % 5}')
@@ -211,17 +125,4 @@ def curves(
             at = int((share + 0.05 * i) * (len(u) - 1))  # where lines meet, marks stand apart
             plot.mark(float(u[at]), float(v[at]), i, f'fill c{i % 5}')
         plot.text(float(u[0]), None, f'{GLYPHS[i % 4]} {name}', kind=f'key c{i % 5}', row=i)
-    return standalone(plot)
-
-
-def costs(points: Mapping[str, tuple[float, float]], labels: tuple[str, str], told: str) -> str:
-    """Methods by name: time on x and error on y, both logarithmic."""
-    x, y = np.array(list(points.values())).T
-    plot = Plot(
-        (0.5 * float(x.min()), 4 * float(x.max())), (0.4 * float(y.min()), 2 * float(y.max())),
-        *labels, (520, 320), log_x=True, description=told, log_y=True,
-    )  # fmt: skip
-    for i, (name, (a, b)) in enumerate(points.items()):
-        plot.mark(a, b, i, f'fill c{i % 5}')
-        plot.text(a, b, name, shift=-12.0)
     return standalone(plot)

@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""What a bench prints and writes: figures beside the paper's, a peer's, the bound and the aim."""
+"""Rows that benches print and write, read back with drawings beside them; times of work."""
 
 from __future__ import annotations
 
@@ -8,48 +8,38 @@ import json
 import math
 import re
 import time
-from dataclasses import asdict, dataclass, field, fields, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
 from html import unescape
-from typing import TYPE_CHECKING, Literal, TypedDict, TypeVar, cast
+from pathlib import Path
+from typing import Literal, TypeVar
 
 import numpy as np
 
 from tactile_ros.calibration import write_atomically
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.report import environment
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
-    from pathlib import Path
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.types import Array, Recording
 
 T = TypeVar('T')
 COLUMNS = (
     'what', 'unit', 'paper', 'peer', 'ours', 'bound', 'aim', 'held', 'us_single', 'us_batch',
 )  # fmt: skip
+MOST_BYTES = 20_000_000
+WORDS = ('what', 'unit', 'compared', 'method')
+NUMBERS = ('ours', 'paper', 'peer', 'bound', 'aim', 'us_single', 'us_batch')
+TOLD = re.compile(r'aria-label="([^"]*)"')
+SIZE = re.compile(r'viewBox="0 0 ([\d.]+) ([\d.]+)"')
 
 
 @dataclass(frozen=True)
 class Row:
-    """One figure of a bench.
+    """One figure: ours beside the paper's, a peer's, what no method can beat, and the aim.
 
-    Attributes
-    ----------
-    what, unit : str
-        What was measured, and in which unit.
-    ours : float or None
-        The figure of this run.
-    better : str
-        'low' or 'high'.
-    paper, peer, bound, aim : float or None
-        Published; of another method in the same run; what no method can beat; what is aimed at.
-    us_single, us_batch : float or None
-        Time per frame, one at a time and in a batch (microseconds).
-    by_seed : tuple of float
-        Values of `ours` by seed, world, held-out run, place or block of seeds, where there are
-        several.
-    compared, method : str
-        Rows with the same `compared` are methods, so named, on the same data: a report draws
-        their errors against their times.
+    Times are microseconds of a frame alone and of one of a batch. `by_seed` are values of `ours`
+    by seed, world, held-out run, place or block of seeds. Rows with the same `compared` are
+    methods, so named, on the same data: a report draws their errors against their times.
     """
 
     what: str
@@ -65,6 +55,14 @@ class Row:
     by_seed: tuple[float, ...] = ()
     compared: str = ''
     method: str = ''
+
+    @classmethod
+    def mean(
+        cls, what: str, unit: str, by_seed: Sequence[float],
+        better: Literal['low', 'high'] = 'low', **more: object,
+    ) -> Row:  # fmt: skip
+        """Mean over seeds."""
+        return cls(what, unit, float(np.mean(by_seed)), better, by_seed=tuple(by_seed), **more)
 
     @property
     def spread(self) -> float | None:
@@ -84,30 +82,13 @@ class Row:
 
     def cells(self) -> tuple[str | float | None, ...]:
         """Cells of the printed table, in the order of `COLUMNS`."""
-        held = {None: '', True: 'held', False: 'MISSED'}[self.held]
-        return (
-            self.what, self.unit, self.paper, self.peer, self.ours, self.bound, self.aim, held,
-            self.us_single, self.us_batch,
-        )  # fmt: skip
+        told = {**asdict(self), 'held': {None: '', True: 'held', False: 'MISSED'}[self.held]}
+        return tuple(told[name] for name in COLUMNS)
 
 
 @dataclass(frozen=True)
 class BenchResult:
-    """All figures of one bench.
-
-    Attributes
-    ----------
-    bench, command : str
-        Name, and the command that repeats it.
-    seed : list of int
-        Seeds that were run.
-    rows : list of Row
-        Figures.
-    notes : list of str
-        What a reader must know to trust the figures.
-    drawings : dict of str to str
-        SVG of plots by name, for `--figures`; see `evaluation.drawing`.
-    """
+    """All figures of a bench, seeds, notes that a reader needs, and drawings (SVG) by name."""
 
     bench: str
     command: str
@@ -125,40 +106,32 @@ class BenchResult:
 
     def write(self, folder: Path) -> Path:
         """Write `<bench>.json` into `folder`, NaN as null; return its path."""
+        rows = [{**asdict(row), 'spread': row.spread} for row in self.rows]
         document = {
-            'bench': self.bench,
-            'environment': environment(),
-            'seed': self.seed,
-            'command': self.command,
-            'rows': [
-                {k: _plain(v) for k, v in {**asdict(row), 'spread': row.spread}.items()}
-                for row in self.rows
-            ],
-            'notes': self.notes,
-        }
+            'bench': self.bench, 'environment': environment(), 'seed': self.seed,
+            'command': self.command, 'notes': self.notes,
+            'rows': [{key: _plain(value) for key, value in row.items()} for row in rows],
+        }  # fmt: skip
         text = json.dumps(document, indent=1, allow_nan=False) + '\n'
         return write_atomically(folder / f'{self.bench}.json', text.encode())
+
+
+def _plain(value: object) -> object:
+    """A value as json has it: numbers of numpy as numbers, what is not finite as null."""
+    if isinstance(value, (float, np.floating)):
+        return float(value) if np.isfinite(value) else None
+    if isinstance(value, tuple):
+        return [_plain(one) for one in value]
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def within(
     seconds: float, ones: Iterable[T], clock: Callable[[], float] = time.monotonic
 ) -> Iterator[T]:
-    """Seeds, worlds or tasks one after another, as many as fit.
+    """Seeds, worlds or tasks that the caller works on, as many as fit into some seconds.
 
-    Parameters
-    ----------
-    seconds : float
-        Time for all of them; infinite where none shall be left out.
-    ones : iterable
-        What the caller works on before it asks for the next.
-    clock : callable
-        Seconds of a steady clock.
-
-    Yields
-    ------
-    object
-        The first in any case; another only if it would end in time, should it take as long as the
-        mean of those before.
+    Yields the first in any case; another only if it would end in time, should it take as long as
+    the mean of those before.
     """
     began = clock()
     for done, one in enumerate(ones):
@@ -177,119 +150,28 @@ def shortest(work: Callable[[], object], repetitions: int = 10) -> float:
     return min(times)
 
 
-def _plain(value: object) -> object:
-    """A value as json has it: numbers of numpy as numbers, what is not finite as null."""
-    if isinstance(value, (float, np.floating)):
-        return float(value) if np.isfinite(value) else None
-    if isinstance(value, tuple):
-        return [_plain(one) for one in value]
-    return value.item() if isinstance(value, np.generic) else value
+def frame_us(
+    pipeline: Pipeline, test: Recording, rows: Iterable[int], repetitions: int = 10
+) -> tuple[float, float]:
+    """Microseconds of a frame: some rows one at a time, and the whole recording as a batch."""
+    frames = [test.frame(row) for row in rows]
+    single = shortest(lambda: [pipeline.process(frame) for frame in frames], repetitions)
+    batch = shortest(lambda: pipeline.process_batch(test), repetitions)
+    return 1e6 * single / len(frames), 1e6 * batch / len(test)
 
 
-MILLI = 1e3
-
-
-class TargetJson(TypedDict):
-    """Errors of one target."""
-
-    unit: str
-    mean: float | None
-    rms: float | None
-
-
-class AnswerJson(TypedDict):
-    """One calibration on one recording."""
-
-    estimator: str
-    calibration: str
-    us_single: float | None
-    us_batch: float | None
-    targets: dict[str, TargetJson]
-
-
-class RecordingJson(TypedDict):
-    """One recording and all that was answered to it."""
-
-    recording: str
-    sensor: str
-    answers: list[AnswerJson]
-
-
-class ReplayJson(TypedDict):
-    """What `tactile replay` saves."""
-
-    command: str
-    recordings: list[RecordingJson]
-    failed: dict[str, str]
-
-
-def replay_result(told: ReplayJson, name: str) -> BenchResult:
-    """Every error of a replay, calibrations of one recording as methods on the same data.
-
-    Parameters
-    ----------
-    told : dict
-        Document of a saved replay.
-    name : str
-        Of its file.
-
-    Returns
-    -------
-    BenchResult
-        Mean error of places (mm), root mean square of all else; recordings that could not be read
-        are its notes.
-
-    Raises
-    ------
-    KeyError, TypeError, AttributeError
-        If it is no such document.
-    """
-    rows = [row for recording in told['recordings'] for row in _rows(recording)]
-    notes = [f'left out: {sentence}' for sentence in told['failed'].values()]
-    return BenchResult(f'replay {name}', told['command'], [], rows, notes)
-
-
-def _rows(recording: RecordingJson) -> Iterator[Row]:
-    """Figures of one recording."""
-    answers = recording['answers']
-    names = [answer['estimator'] for answer in answers]
-    for answer in answers:
-        method = answer['estimator']
-        if names.count(method) > 1:
-            method = f'{method}, {answer["calibration"]}'
-        for target, found in answer['targets'].items():
-            place = found['unit'] == 'm'
-            error = found['mean'] if place else found['rms']
-            what = f'{recording["recording"] or recording["sensor"]}: {target.replace("_", " ")}'
-            yield Row(
-                f'{what}, {method}', 'mm' if place else found['unit'],
-                MILLI * error if place and error is not None else error,
-                us_single=answer['us_single'], us_batch=answer['us_batch'],
-                compared=what, method=method,
-            )  # fmt: skip
-
-
-MOST_BYTES = 20_000_000
-Kind = TypeVar('Kind')
-WORDS = ('what', 'unit', 'compared', 'method')
-NUMBERS = tuple(f.name for f in fields(Row) if f.name not in (*WORDS, 'better', 'by_seed'))
-TOLD = re.compile(r'aria-label="([^"]*)"')
-SIZE = re.compile(r'viewBox="0 0 ([\d.]+) ([\d.]+)"')
+def inside(error: Array, sigma: Array, sigmas: float = 1.0) -> list[float]:
+    """Per cent of told errors (s,) inside some sigmas: of all, and of thirds by the sigma (s,)."""
+    told = np.isfinite(error)
+    error, sigma = error[told], sigma[told]
+    order = np.argsort(sigma, kind='stable')
+    right = np.abs(error) < sigmas * sigma
+    return [100 * float(right[rows].mean()) for rows in (order, *np.array_split(order, 3))]
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A drawing that a bench wrote.
-
-    Attributes
-    ----------
-    name, description : str
-        Of the file; what it shows.
-    svg : bytes
-        Of the file.
-    size : tuple of float
-        Width and height (pixels).
-    """
+    """A drawing that a bench wrote: name, what it shows, SVG, width and height (pixels)."""
 
     name: str
     description: str
@@ -312,20 +194,7 @@ class BenchFile:
 
 
 def gather(paths: Iterable[Path]) -> tuple[list[BenchFile], list[str]]:
-    """Read every json under folders, or files by name.
-
-    Parameters
-    ----------
-    paths : iterable of path
-        Folders of results, or single files.
-
-    Returns
-    -------
-    found : list of BenchFile
-        In the order of their names.
-    problems : list of str
-        A sentence for every file that is not a bench's, or is damaged.
-    """
+    """Read files of results, or all in folders; a sentence for every one that is none."""
     found, problems = [], []
     for path in paths:
         if not path.exists():
@@ -343,42 +212,26 @@ def gather(paths: Iterable[Path]) -> tuple[list[BenchFile], list[str]]:
 
 
 def read_bench(path: Path) -> BenchFile:
-    """Read one result and the drawings beside it.
+    """Read a result of a bench, or a saved replay, and the drawings beside it.
 
-    Raises
-    ------
-    TactileError
-        If it is no result of a bench, is damaged or larger than any result.
+    Raises TactileError if it is neither, is damaged or larger than any result.
     """
     try:
         told = json.loads(_read(path))
         if isinstance(told, dict) and 'recordings' in told:
-            result = checked(replay_result(cast('ReplayJson', told), path.stem))
-        else:
-            result = _bench(told)
-        environment = {str(k): str(v) for k, v in _entry(told, 'environment', dict).items()}
+            told = _replayed(told, path.stem)
+        result = BenchResult(
+            rows=[_row(row) for row in _entry(told, 'rows', list)],
+            bench=_entry(told, 'bench', str),
+            command=_entry(told, 'command', str),
+            seed=[int(seed) for seed in _entry(told, 'seed', list)],
+            notes=[str(note) for note in _entry(told, 'notes', list, [])],
+        )
+        around = {str(k): str(v) for k, v in _entry(told, 'environment', dict).items()}
     except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
         msg = f'{path} is no result of a bench or replay: {str(error).splitlines()[0]}'
         raise TactileError(msg) from error
-    return BenchFile(result, environment, pictures(path.parent, result.bench))
-
-
-def _bench(told: object) -> BenchResult:
-    """Result of a bench from its document."""
-    notes = told.get('notes', []) if isinstance(told, dict) else []
-    return BenchResult(
-        rows=[_row(row) for row in _entry(told, 'rows', list)],
-        bench=_entry(told, 'bench', str),
-        command=_entry(told, 'command', str),
-        seed=[int(seed) for seed in _entry(told, 'seed', list)],
-        notes=[str(note) for note in notes],
-    )
-
-
-def checked(result: BenchResult) -> BenchResult:
-    """The same, if all of its words and numbers are such."""
-    rows = [_row(asdict(row)) for row in result.rows]
-    return replace(result, command=str(result.command), rows=rows)
+    return BenchFile(result, around, pictures(path.parent, result.bench))
 
 
 def _read(path: Path) -> bytes:
@@ -393,9 +246,36 @@ def _read(path: Path) -> bytes:
     raise TactileError(msg)
 
 
-def _entry(told: object, name: str, kind: type[Kind]) -> Kind:
+def _replayed(told: dict[str, object], name: str) -> dict[str, object]:
+    """A saved replay as a bench: mean error of places (mm), root mean square of all else."""
+    rows = []
+    for recording in told['recordings']:
+        names = [answer['estimator'] for answer in recording['answers']]
+        for answer in recording['answers']:
+            method = answer['estimator']
+            if names.count(method) > 1:
+                method = f'{method}, {answer["calibration"]}'
+            for target, found in answer['targets'].items():
+                place = found['unit'] == 'm'
+                error = found['mean' if place else 'rms']
+                shown = recording['recording'] or recording['sensor']
+                what = f'{shown}: {target.replace("_", " ")}'
+                rows.append({
+                    'what': f'{what}, {method}', 'unit': 'mm' if place else found['unit'],
+                    'ours': 1e3 * error if place and error is not None else error,
+                    'better': 'low', 'us_single': answer['us_single'],
+                    'us_batch': answer['us_batch'], 'compared': what, 'method': method,
+                })  # fmt: skip
+    notes = [f'left out: {sentence}' for sentence in told['failed'].values()]
+    return {
+        **told, 'bench': f'replay {name}', 'seed': [], 'rows': rows, 'notes': notes,
+    }  # fmt: skip
+
+
+def _entry(told: object, name: str, kind: type[T], default: T | None = None) -> T:
     """An entry of the document, of the right kind."""
     found = told.get(name) if isinstance(told, dict) else None
+    found = default if found is None else found
     if not isinstance(found, kind):
         msg = f'{name} must be {kind.__name__}; received {type(found).__name__}'
         raise TypeError(msg)
@@ -404,26 +284,12 @@ def _entry(told: object, name: str, kind: type[Kind]) -> Kind:
 
 def _row(told: object) -> Row:
     """One figure; keys that are not known here are left out."""
-    better: Literal['low', 'high'] = 'high' if _entry(told, 'better', str) == 'high' else 'low'
-    assert isinstance(told, dict)
+    better = 'high' if _entry(told, 'better', str) == 'high' else 'low'
     words = {name: str(told.get(name, '')) for name in WORDS}
-    number = {name: _number(name, told.get(name)) for name in NUMBERS}
-    return Row(
-        words['what'], words['unit'], number['ours'], better, number['paper'], number['peer'],
-        number['bound'], number['aim'], number['us_single'], number['us_batch'],
-        _by_seed(told.get('by_seed')), words['compared'], words['method'],
-    )  # fmt: skip
-
-
-def _by_seed(told: object) -> tuple[float, ...]:
-    """Values of a figure by seed; seeds without one are left out."""
-    if told is None:
-        return ()
-    if not isinstance(told, (list, tuple)):
-        msg = f'by_seed must be a list; received {type(told).__name__}'
-        raise TypeError(msg)
-    found = [_number('by_seed', value) for value in told]
-    return tuple(value for value in found if value is not None)
+    numbers = {name: _number(name, told.get(name)) for name in NUMBERS}
+    seeds = [_number('by_seed', one) for one in _entry(told, 'by_seed', list, [])]
+    kept = tuple(one for one in seeds if one is not None)
+    return Row(**words, **numbers, better=better, by_seed=kept)
 
 
 def _number(name: str, told: object) -> float | None:

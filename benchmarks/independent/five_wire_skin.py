@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmarks.independent.recordings import (
+    Task,
     answered,
     coverage,
     pipeline_with,
@@ -16,10 +16,8 @@ from benchmarks.independent.recordings import (
     rms,
     world,
 )
-
-if TYPE_CHECKING:
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import Array, ContactStates, Integers, Recording
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.types import Array, ContactStates, Integers, Recording
 
 DATA = world('five_wire')
 
@@ -65,25 +63,25 @@ def asked(side: int, name: str = 'test', rest: bool = False) -> ContactStates:
     return calibrated(side, rest).process_batch(frames(DATA[name]))
 
 
-def sheet_position() -> float:
+def position() -> float:
     """Mean distance anywhere 8 mm inside the border, 25 calibration points (mm)."""
     away = answered(asked(5).position[:, :2]) - DATA['test_xy']
     return float(1e3 * np.nanmean(np.hypot(*away.T)))
 
 
-def sheet_force() -> float:
+def force() -> float:
     """Rms error of 3..15 N anywhere 12.5 mm inside the border, 49 calibration points (N)."""
     inner = (np.abs(DATA['test_xy'] - 0.05) <= 0.0375).all(1)
     return float(rms((answered(asked(7).force[:, 2]) - DATA['test_F'])[inner]))
 
 
-def sheet_squares() -> float:
+def squares() -> float:
     """Rms error of other presses at the 16 calibration points over its Cramer-Rao bound."""
     off = answered(asked(4, 'squares').force[:, 2]) - DATA['squares_F']
     return float(rms(off) / rms(DATA['squares_sigma']))
 
 
-def sheet_touch_min() -> float:
+def touch() -> float:
     """Worse of untouched frames left free and presses of 0.5..3 N placed within 1 mm (%)."""
     none, light = asked(5, 'untouched', rest=True), asked(5, 'light', rest=True)
     free = (np.asarray(none.in_contact) == 0) & ~np.isfinite(none.position[:, :2]).any(1)
@@ -92,7 +90,7 @@ def sheet_touch_min() -> float:
     return float(100 * min(free.mean(), placed.mean()))
 
 
-def sheet_coverage() -> float:
+def sigmas() -> float:
     """Largest distance from 68.3 inside one sigma of x, y (25 points) and Fz (49) (points)."""
     places, forces = asked(5), asked(7)
     away = answered(places.position[:, :2]) - DATA['test_xy']
@@ -103,3 +101,12 @@ def sheet_coverage() -> float:
     shares.append(coverage(off, np.sqrt(answered(np.asarray(forces.force_cov)[:, 2, 2]))))
     print('% inside one sigma of x, y, Fz:', np.round(shares, 1))
     return float(np.abs(np.array(shares) - 68.3).max())
+
+
+TASKS = (
+    Task('sheet_position', 'place anywhere, 25 points, mean', 'mm', 0.050, 0.044, position),
+    Task('sheet_force', 'force anywhere, 49 points, rms', 'N', 0.31, 0.13, force),
+    Task('sheet_squares', 'force at 16 squares over its bound', 'ratio', 1.08, 1, squares),
+    Task('sheet_touch_min', 'light presses found, rest left free', '%', 99, 100, touch),
+    Task('sheet_coverage', 'off 68.3 inside one sigma, worst', 'points', 6, 0.9, sigmas),
+)

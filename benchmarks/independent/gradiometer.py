@@ -8,11 +8,11 @@ ones. Frames are independent and carry no stamps; frames at rest go in as tare r
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmarks.independent.recordings import (
+    Task,
     answered,
     coverage,
     pipeline_with,
@@ -20,10 +20,8 @@ from benchmarks.independent.recordings import (
     rms,
     world,
 )
-
-if TYPE_CHECKING:
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import Array, Bools, ContactStates, Recording
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.types import Array, Bools, ContactStates, Recording
 
 FULL_SCALE, STRAY = 3.5, 2e-3  # N, T
 DATA = world('gradiometer')
@@ -105,16 +103,6 @@ def against_chain() -> Array:
     return ours / DATA['chain']
 
 
-def grad_fx_fy() -> float:
-    """Worse of Fx and Fy over the printed chain's (ratio)."""
-    return float(against_chain()[:2].max())
-
-
-def grad_fz() -> float:
-    """Fz over the printed chain's (ratio)."""
-    return float(against_chain()[2])
-
-
 def leak(kind: str) -> float:
     """Largest change of any component under a uniform 2 mT (% of full scale)."""
     still = force('stray_none', kind)
@@ -122,17 +110,7 @@ def leak(kind: str) -> float:
     return float(100 * max(change) / FULL_SCALE)
 
 
-def grad_stray() -> float:
-    """Leak of a uniform 2 mT, gains from the force calibration alone (% of full scale)."""
-    return leak('isothermal')
-
-
-def grad_stray_calibrated() -> float:
-    """Leak of a uniform 2 mT after turning in a known 0.5 mT (% of full scale)."""
-    return leak('turned')
-
-
-def grad_stray_field() -> float:
+def field() -> float:
     """Worst rms error of the uniform field (x, z) after turning in a known one (% of 2 mT)."""
     worst = []
     for kind in ('x', 'z', 'xz', 'none'):
@@ -141,13 +119,13 @@ def grad_stray_field() -> float:
     return float(100 * max(worst) / STRAY)
 
 
-def grad_clip() -> float:
+def clipped() -> float:
     """Frames with a clipped channel that pass as valid (%); inf if clean ones are refused."""
     clean, missed = (np.asarray(states(k).valid, bool).mean() for k in ('test', 'clip'))
     return float(100 * missed) if clean >= 0.999 else float('inf')
 
 
-def grad_thermal() -> float:
+def thermal() -> float:
     """Fz over 0..50 C over that at 35 C (ratio), 1500 frames each; inf if that is bad itself."""
     warm, still = rms(error('thermal', 'thermal')), rms(error('test', 'many'))
     return float(warm[2] / still[2]) if still[2] <= 1.5 * DATA['chain'][2] else float('inf')
@@ -160,18 +138,31 @@ def inside(name: str, sigmas: float) -> Array:
     return np.array([coverage(off[:, k], sigmas * sigma[:, k]) for k in range(3)])
 
 
-def grad_near14_min() -> float:
-    """Share inside two sigma with a magnet 14 mm away, mean of three components (%)."""
-    return float(inside('near14', 2).mean())
-
-
-def grad_coverage() -> float:
+def sigmas() -> float:
     """Distance from 68.3 inside one sigma, mean of three components (points)."""
     share = inside('test', 1)
     print('% inside one sigma:', share.round(1))
     return float(np.abs(share - 68.3).mean())
 
 
-def grad_noise() -> float:
+def noise() -> float:
     """Std at rest and mid load over the Cramer-Rao bound with an unknown field (ratio)."""
     return float(max((force(k).std(0) / DATA[f'{k}_bound']).max() for k in ('rest', 'mid')))
+
+
+TASKS = (
+    Task('grad_fx_fy', 'Fx, Fy over the printed chain', 'ratio', 0.28, 0.087,
+         lambda: max(against_chain()[:2])),
+    Task('grad_fz', 'Fz over the printed chain', 'ratio', 1.3, 0.41, lambda: against_chain()[2]),
+    Task('grad_stray', 'leak of 2 mT, force calibration alone', '%', 0.03, 0,
+         lambda: leak('isothermal')),
+    Task('grad_stray_calibrated', 'leak of 2 mT, turned in a known field', '%', 0.01, 0,
+         lambda: leak('turned')),
+    Task('grad_stray_field', 'uniform field of 2 mT', '%', 0.1, 0, field),
+    Task('grad_thermal', 'Fz, 0..50 C over 35 C', 'ratio', 1.3, 1, thermal, slow=True),
+    Task('grad_near14_min', 'inside two sigma, magnet at 14 mm', '%', 90, 95.4,
+         lambda: inside('near14', 2).mean()),
+    Task('grad_noise', 'noise over its bound', 'ratio', 1.1, 1, noise),
+    Task('grad_clip', 'clipped frames that pass', '%', 0, 0, clipped),
+    Task('grad_coverage', 'off 68.3 inside one sigma', 'points', 8, 0, sigmas),
+)  # fmt: skip

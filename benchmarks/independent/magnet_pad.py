@@ -8,11 +8,11 @@ are independent and carry no stamps.
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmarks.independent.recordings import (
+    Task,
     answered,
     coverage,
     marked,
@@ -21,13 +21,10 @@ from benchmarks.independent.recordings import (
     rms,
     world,
 )
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.types import Array, Bools, ContactStates, Integers, Recording
 
-if TYPE_CHECKING:
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import Array, Bools, ContactStates, Integers, Recording
-
-    Truth = dict[str, Array]
-
+Truth = dict[str, Array]
 DATA = world('magnet_pad')
 
 
@@ -51,13 +48,6 @@ def frames(
     """Recording with truth, where some is given."""
     tare = np.zeros(len(values), bool) if tare is None else tare
     return recording(LAYOUT, values, tare=tare, stream=stream, truth=truth)
-
-
-def resting() -> Recording:
-    """Frames that nothing touches, as tare rows."""
-    values = DATA['rest']
-    count = len(values)
-    return frames(values, np.ones(count, bool), in_contact=np.zeros(count, np.int8))
 
 
 def touched(name: str, rows: Bools | slice = slice(None)) -> tuple[Array, Truth]:
@@ -89,7 +79,9 @@ def fitted(kind: str = 'touches') -> Pipeline:
         parts = [mounted(session) for session in range(4)]
         sets = [frames(values, **columns, **truth) for values, columns, truth in parts]
     else:
-        sets = [resting()]
+        count = len(DATA['rest'])
+        rest = np.ones(count, bool), None
+        sets = [frames(DATA['rest'], *rest, in_contact=np.zeros(count, np.int8))]
     if kind in ('touches', 'rig'):
         of_touches = touched('touch', DATA['touch_rep'] < 3)
         values, truth = of_touches if kind == 'touches' else touched('rig')
@@ -111,23 +103,12 @@ def distance(kind: str) -> float:
     return float(1e3 * np.linalg.norm(away, axis=1).mean())
 
 
-def hits(cell: Integers, truth: Truth, rows: Bools | slice = slice(None)) -> float:
+def hits(states: ContactStates, truth: Truth, rows: Bools | slice = slice(None)) -> float:
     """Share of right cells (%); one that is not named is wrong."""
-    return float(100 * np.mean((np.asarray(cell) == truth['cell'])[rows]))
+    return float(100 * np.mean((np.asarray(states.cell) == truth['cell'])[rows]))
 
 
-def pad_position() -> float:
-    """Mean error of the place anywhere on the pad, held-out repetitions (mm)."""
-    return distance('touches')
-
-
-def pad_cells_min() -> float:
-    """Right cells of 25, contact anywhere in the cell, held-out repetitions (%)."""
-    found, truth = held_out()
-    return hits(found.cell, truth)
-
-
-def pad_force() -> float:
+def force() -> float:
     """Rms error of the size of 1.5..10 N, held-out repetitions (N)."""
     found, truth = held_out()
     sizes = (np.linalg.norm(f, axis=1) for f in (answered(found.force), truth['force']))
@@ -137,36 +118,21 @@ def pad_force() -> float:
 def under_stray(name: str, kind: str) -> float:
     """Right cells under an unknown uniform 0.5 mT (%)."""
     values, truth = touched(name)
-    return hits(fitted(kind).process_batch(frames(values)).cell, truth)
+    return hits(fitted(kind).process_batch(frames(values)), truth)
 
 
-def pad_stray_min() -> float:
-    """Right cells under an unknown uniform 0.5 mT, the paper's fixed rig in fit and test (%)."""
-    return under_stray('stray', 'rig')
-
-
-def pad_stray_anywhere_min() -> float:
-    """Right cells under an unknown uniform 0.5 mT, contact anywhere in the cell (%)."""
-    return under_stray('stray_anywhere', 'touches')
-
-
-def pad_new_session_min() -> float:
+def new_sessions() -> float:
     """Right cells in six new mountings, fitted on four others, the paper's fixed rig (%)."""
     shares = []
     for session in range(4, 10):
         values, columns, truth = mounted(session)
         found = fitted('sessions').process_batch(frames(values, **columns))
-        shares.append(hits(found.cell, truth, ~columns['tare']))
+        shares.append(hits(found, truth, ~columns['tare']))
     print('% per mounting:', np.round(shares, 1))
     return float(np.mean(shares))
 
 
-def pad_nominal() -> float:
-    """Mean error of the place by the nominal model, fitted on frames at rest alone (mm)."""
-    return distance('rest')
-
-
-def pad_coverage() -> float:
+def sigmas() -> float:
     """Distance from 68.3 inside one sigma, mean of axial and tangential direction (points)."""
     found, truth = held_out()
     place, cov = truth['position'], answered(found.position_cov)
@@ -179,3 +145,18 @@ def pad_coverage() -> float:
         shares.append(coverage(np.einsum('si,si->s', away, axis), sigma))
     print('% inside one sigma:', np.round(shares, 1))
     return float(np.mean(np.abs(np.array(shares) - 68.3)))
+
+
+TASKS = (
+    Task('pad_position', 'place, mean', 'mm', 0.28, 0.25, lambda: distance('touches')),
+    Task('pad_cells_min', 'cells of 25', '%', 94.5, 95.8, lambda: hits(*held_out())),
+    Task('pad_force', 'size of the force, rms', 'N', 0.34, 0.19, force),
+    Task('pad_stray_min', 'cells, 0.5 mT, fixed rig', '%', 88.5, 90.0,
+         lambda: under_stray('stray', 'rig')),
+    Task('pad_stray_anywhere_min', 'cells, 0.5 mT, anywhere', '%', None, 79,
+         lambda: under_stray('stray_anywhere', 'touches')),
+    Task('pad_new_session_min', 'cells in six new mountings', '%', 95.5, None, new_sessions,
+         slow=True),
+    Task('pad_nominal', 'place, nominal model', 'mm', 1.2, 0.56, lambda: distance('rest')),
+    Task('pad_coverage', 'off 68.3 inside one sigma', 'points', 5, 0, sigmas),
+)  # fmt: skip

@@ -7,16 +7,19 @@ The config holds the values of a data sheet, from which the world's sheet and ch
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmarks.independent.recordings import answered, pipeline_with, recording, turn, world
-from tactile_ros.types import Outline
-
-if TYPE_CHECKING:
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import Array, Bools, Integers, Recording
+from benchmarks.independent.recordings import (
+    Task,
+    answered,
+    pipeline_with,
+    recording,
+    turn,
+    world,
+)
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.types import Array, Bools, Integers, Outline, Recording
 
 DATA = world('multipole_skin')
 HEADS = [(kind, size) for kind in ('square', 'triangle', 'circle') for size in (10, 15, 20)]
@@ -39,12 +42,13 @@ def outline(kind: str, size: float | tuple[float, float]) -> Outline:
     return Outline(f'{kind} {size}', (loop * 1e-3,))
 
 
-def nominal(objects: tuple[Outline, ...] = ()) -> Pipeline:
-    """Pipeline by the data sheet, not fitted."""
+def nominal(*heads: tuple[str, float | tuple[float, float]]) -> Pipeline:
+    """Pipeline by the data sheet with described heads, not fitted."""
     return pipeline_with(
         'multipole_skin', positions=DATA['hall_m'], sheet_size=(0.075, 0.075),
         sheet_thickness=0.002, layer_thickness=0.002, pole_pitch=0.01875, magnetisation='M4',
-        remanence=0.045, youngs_modulus=70e3, poisson_ratio=0.49, objects=objects,
+        remanence=0.045, youngs_modulus=70e3, poisson_ratio=0.49,
+        objects=tuple(outline(*head) for head in heads),
     )  # fmt: skip
 
 
@@ -76,9 +80,10 @@ def taken(name: str, rows: Integers | slice = slice(None)) -> tuple[Array, ...]:
 
 
 def shots(count: int, query: str = 'new') -> float:
-    """New heads that are named by `count` presses of each, mean of two draws (%).
+    """New heads that are named by `count` presses of each at one place, mean of two draws (%).
 
-    Nine base heads at 13 places; the new ones at 12 others. The rest of their presses is asked.
+    Nine base heads at 13 places; the new ones at 12 others. The rest of their presses is asked,
+    or presses in a uniform field of 0.05 mT after the tare.
     """
     rng, share = np.random.default_rng(count), []
     heads, places = DATA['new_head'], DATA['new_loc']
@@ -102,48 +107,21 @@ def shots(count: int, query: str = 'new') -> float:
     return float(np.mean(share))
 
 
-def skin_one_shot_min() -> float:
-    """New heads named after one press of each at the same place (%)."""
-    return shots(1)
-
-
-def skin_five_shot_min() -> float:
-    """New heads named after five presses of each at the same place (%)."""
-    return shots(5)
-
-
-def skin_stray_min() -> float:
-    """New heads named after five presses, in a uniform field of 0.05 mT after the tare (%)."""
-    return shots(5, 'stray')
-
-
 @cache
 def bars() -> Array:
     """Errors of the turn (degrees) of a described bar never pressed, at new places."""
-    pipeline = nominal(tuple(outline(*bar) for bar in BARS))
+    pipeline = nominal(*BARS)
     windows, head, _, xy, turns = taken('bar')
-    pipeline = pipeline.fit(
-        presses(pipeline, windows, label=head, position=place(xy), yaw=turns)
-    )
+    pipeline = pipeline.fit(presses(pipeline, windows, label=head, position=place(xy), yaw=turns))
     windows, *_, turns = taken('newbar')
     found = np.asarray(pipeline.process_batch(presses(pipeline, windows)).yaw)[LAST]
     return turn(answered(found), turns, np.pi)
 
 
-def skin_pose_min() -> float:
-    """Presses of a new bar at new places whose turn is within 15 degrees (%)."""
-    return float(100 * np.mean(bars() <= 15))
-
-
-def skin_yaw() -> float:
-    """Median error of the turn of the same presses (degrees)."""
-    return float(np.median(bars()))
-
-
 @cache
 def nine() -> tuple[Bools, Array]:
     """Right names and errors of places (m) of nine described heads after 20 presses of one."""
-    pipeline = nominal(tuple(outline(*head) for head in HEADS))
+    pipeline = nominal(*HEADS)
     windows, head, _, xy, _ = taken('one')
     pipeline = pipeline.fit(presses(pipeline, windows, label=head + 1, position=place(xy)))
     windows, head, _, xy, _ = taken('all')
@@ -152,11 +130,19 @@ def nine() -> tuple[Bools, Array]:
     return np.asarray(found.label)[LAST] == head, np.hypot(*away.T)
 
 
-def skin_zero_shot_min() -> float:
-    """Nine described heads named at new places (%)."""
-    return float(100 * nine()[0].mean())
-
-
-def skin_place() -> float:
-    """Median error of the place of the same presses (mm)."""
-    return float(1e3 * np.median(nine()[1]))
+TASKS = (
+    Task('skin_one_shot_min', 'new heads, one press each', '%', 88, None, lambda: shots(1),
+         slow=True),
+    Task('skin_five_shot_min', 'new heads, five presses each', '%', 92, None, lambda: shots(5),
+         slow=True),
+    Task('skin_stray_min', 'the same, 0.05 mT after the tare', '%', 89, None,
+         lambda: shots(5, 'stray'), slow=True),
+    Task('skin_pose_min', 'new bar: turn within 15 deg', '%', 97, 100,
+         lambda: 100 * np.mean(bars() <= 15), slow=True),
+    Task('skin_yaw', 'new bar: its turn, median', 'deg', 1.9, 0.35, lambda: np.median(bars()),
+         slow=True),
+    Task('skin_zero_shot_min', 'nine heads, 20 presses of one', '%', 88, 92.2,
+         lambda: 100 * nine()[0].mean()),
+    Task('skin_place', 'nine heads: place, median', 'mm', 0.40, 0.31,
+         lambda: 1e3 * np.median(nine()[1])),
+)  # fmt: skip

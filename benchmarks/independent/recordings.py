@@ -1,23 +1,38 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Sensors and recordings of the independent world through the public face; refusal of NaN."""
+"""Tasks, sensors and recordings of the independent world by the public face; refusal of NaN."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
-from tactile_ros.types import Recording
-
-if TYPE_CHECKING:
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import Array, Bools, Layout
+from tactile_ros.types import Array, Bools, Layout, Recording
 
 ARRAYS = ('positions', 'magnet_positions', 'areas')
+
+
+@dataclass(frozen=True)
+class Task:
+    """A figure that a sensor is asked for; a name that ends in _min is better high."""
+
+    name: str
+    what: str
+    unit: str
+    limit: float | None
+    bound: float | None
+    judge: Callable[[], float]
+    slow: bool = False  # above a minute: no quick bench asks it
+
+    @property
+    def high(self) -> bool:
+        """Whether more is better."""
+        return self.name.endswith('_min')
 
 
 class UnansweredError(Exception):
@@ -35,7 +50,7 @@ def pipeline_with(name: str, **fields: object) -> Pipeline:
     """Pipeline of a sensor, some fields of whose config are replaced; not fitted."""
     sensor = load_sensor(name)
     typed = {k: np.asarray(v, float) if k in ARRAYS else v for k, v in fields.items()}
-    return sensor.pipeline(replace(sensor.config(), **typed))  # type: ignore[type-var]
+    return sensor.pipeline(replace(sensor.config(), **typed))
 
 
 def recording(

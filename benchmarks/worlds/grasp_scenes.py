@@ -1,26 +1,30 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Scenes of MuJoCo for `tactile bench grasp`: a magnet by a balloon, grasps, changing loads."""
+"""Scenes of MuJoCo for `tactile bench grasp` and `tactile demo grasp`.
+
+A magnet by a balloon, grasps, changing loads; for the demo one seed each, with films.
+"""
 
 from __future__ import annotations
 
+import importlib.util
+import sys
 import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 from scipy import stats
 
-from benchmarks.harness.rows import Row, within
+from benchmarks.grasp import load_rows
+from benchmarks.harness.rows import COLUMNS, BenchResult, Row, within
+from reference.grasp_film import Film, prefer_no_screen, why_not
 from reference.grasp_trials import GENTLE, Trials, grips, named, unseen
+from tactile_ros.cli.console import show
 from tactile_ros.evaluation.figures import Plot, standalone
-from tactile_ros.simulation.scenes import CHANGES, Handling
+from tactile_ros.simulation.hand_world import HandWorld
+from tactile_ros.simulation.scenes import CHANGES, Carried, Grasped, Handling, Held
 from tactile_ros.simulation.scenes import KINDS as THINGS
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from reference.grasp_trials import Watcher
-    from tactile_ros.simulation.scenes import Carried, Grasped, Held
 
 GRASPS = {'quick': 1, 'normal': 3, 'full': 50}  # of each object
 FORCES = {'quick': 1, 'normal': 2, 'full': 10}  # of each object and hand
@@ -29,8 +33,8 @@ SECONDS = {'quick': np.inf, 'normal': 15.0, 'full': np.inf}  # of a study's seed
 PAPER = {'cube': 94.0, 'sphere': 96.0, 'mouse': 94.0}  # [2], % of 50 grasps each
 SETTLED = {'allegro': 0.5, 'soft': 1.5}  # s
 HELD, SPARED = 0.98, 0.8
-BLOCKS = 5  # of seeds of loads, each of which gives a value
 UNTIL = 0.05  # m
+Watcher = Callable[[HandWorld], None]
 FRESH = 3000  # seeds from here on: none that a gain, a hand or a calibration was looked at with
 
 
@@ -42,6 +46,11 @@ class Found:
     notes: list[str] = field(default_factory=list)
     drawings: dict[str, str] = field(default_factory=dict)
 
+    def timed(self, what: str, simulated: float, began: float) -> None:
+        """Keep simulated over elapsed time (s)."""
+        factor = simulated / (time.perf_counter() - began)
+        self.rows.append(Row(f'{what}: real-time factor', '1', factor, 'high'))
+
 
 def run(extent: str, seed: int = FRESH, films: Mapping[str, Watcher] | None = None) -> Found:
     """All scenes, from a seed on; films, by scene, see one run of each."""
@@ -49,9 +58,17 @@ def run(extent: str, seed: int = FRESH, films: Mapping[str, Watcher] | None = No
     balloon(trials, found, films.get('balloon', unseen))
     time_s = SECONDS[extent]
     cells(trials, found, range(seed, seed + GRASPS[extent]), films.get('allegro', unseen))
-    weaker(trials, found, range(seed, seed + FORCES[extent]), time_s)
+    some = range(seed, seed + FORCES[extent])
+    for version in ('v4', 'v5'):  # with the torques that the makers' nodes clip at, as shipped
+        grasps = [
+            trials.pads(kind, one, version=version)
+            for one in within(time_s, some) for kind in THINGS
+        ]  # fmt: skip
+        what = f'Allegro-like with motors of {version.upper()} as shipped, {len(grasps)} grasps'
+        held = float(np.mean([grasp.held for grasp in grasps]))
+        found.rows.append(Row(f'{what}: held through 2 N', '1', held, 'high'))
     for hand in SETTLED:
-        forces(trials, found, hand, range(seed, seed + FORCES[extent]), time_s)
+        forces(trials, found, hand, some, time_s)
     loads(trials, found, range(seed, seed + LOADS[extent]), films.get('loads', unseen), 2 * time_s)
     found.notes += [
         'Scenes of MuJoCo (docs/simulation.md): contact forces go through the model of the sensor '
@@ -71,11 +88,11 @@ def balloon(trials: Trials, found: Found, film: Watcher) -> None:
     per_cent = 100.0 / GENTLE
     found.rows += [
         Row('balloon, magnet to 50 mm: largest error of force', '% of full scale',
-            per_cent * held.error_until(UNTIL), paper=None,
-            peer=per_cent * single.error_until(UNTIL), aim=2.0),
+            per_cent * held.error_until(UNTIL), peer=per_cent * single.error_until(UNTIL),
+            aim=2.0),
         Row('balloon: distance below which no reading is valid', 'mm', 1e3 * held.invalid_from),
-        _real_time('balloon', held.seconds + single.seconds, time.perf_counter() - began),
     ]  # fmt: skip
+    found.timed('balloon', held.seconds + single.seconds, began)
     found.notes.append(
         f'Balloon: {held.fate} with the gradiometer, {single.fate} with one pixel (the peer).'
     )
@@ -99,13 +116,13 @@ def drawn_balloon(held: Held, single: Held) -> str:
 
 def cells(trials: Trials, found: Found, seeds: range, film: Watcher) -> None:
     """Scene 2: cells of [2] on the Allegro-like hand, and whether things stay."""
+    centres = trials.pad.skin.config.cells
     for kind in THINGS:
         began = time.perf_counter()
         grasps = [
             trials.pads(kind, seed, film if (kind, seed) == (THINGS[0], seeds[0]) else unseen)
             for seed in seeds
         ]
-        centres = trials.pad.skin.config.cells
         judged = [named(touched, centres) for g in grasps for touched in g.contacts]
         judged = [one for one in judged if one.true >= 0]
         right = sum(one.true == one.estimated for one in judged)
@@ -122,23 +139,10 @@ def cells(trials: Trials, found: Found, seeds: range, film: Watcher) -> None:
                 1e3 * float(np.median([one.error for one in judged]))),
             Row(f'{what}: held through 2 N', '1', float(np.mean([g.held for g in grasps])),
                 'high', aim=1.0),
-            _real_time(what, sum(g.seconds for g in grasps), time.perf_counter() - began),
         ]  # fmt: skip
+        found.timed(what, sum(g.seconds for g in grasps), began)
         if kind == 'cube':
             found.drawings['allegro'] = drawn_grasp(grasps[0])
-
-
-def weaker(trials: Trials, found: Found, seeds: range, time_s: float) -> None:
-    """The same with the torques that the makers' nodes clip at, as they are shipped."""
-    for version in ('v4', 'v5'):
-        grasps = [
-            trials.pads(kind, seed, version=version)
-            for seed in within(time_s, seeds)
-            for kind in THINGS
-        ]
-        what = f'Allegro-like with motors of {version.upper()} as shipped, {len(grasps)} grasps'
-        held = float(np.mean([grasp.held for grasp in grasps]))
-        found.rows.append(Row(f'{what}: held through 2 N', '1', held, 'high'))
 
 
 def forces(trials: Trials, found: Found, hand: str, seeds: range, time_s: float) -> None:
@@ -150,17 +154,15 @@ def forces(trials: Trials, found: Found, hand: str, seeds: range, time_s: float)
     )
     what, count = f'{hand} hand in MuJoCo', f'({len(grasps)} grasps)'
     found.rows += [
-        Row(f'{what}: worst overshoot {count}', '%', 100 * float(over.max()), aim=10.0),
-        Row(
-            f'{what}: slowest from load to 5 % {count}',
-            's',
-            float(settled.max()),
-            aim=SETTLED[hand],
-        ),
-        Row(f'{what}: from load to 5 %, median {count}', 's', float(np.median(settled))),
-        Row(f'{what}: worst steady error {count}', '%', 100 * float(steady.max()), aim=2.0),
-        _real_time(f'{what} {count}', sum(g.seconds for g in grasps), time.perf_counter() - began),
+        Row(f'{what}: {name} {count}', unit, float(figure), aim=aim)
+        for name, unit, figure, aim in (
+            ('worst overshoot', '%', 100 * over.max(), 10.0),
+            ('slowest from load to 5 %', 's', settled.max(), SETTLED[hand]),
+            ('from load to 5 %, median', 's', np.median(settled), None),
+            ('worst steady error', '%', 100 * steady.max(), 2.0),
+        )
     ]
+    found.timed(f'{what} {count}', sum(g.seconds for g in grasps), began)
     found.drawings[f'{hand}_force'] = drawn_grasp(grasps[0])
 
 
@@ -178,75 +180,74 @@ def drawn_grasp(grasp: Grasped) -> str:
 
 
 def loads(trials: Trials, found: Found, seeds: range, film: Watcher, time_s: float) -> None:
-    """Scene 3: drop rate against mean force of three grips."""
-    fixed = smallest_fixed()
-    tried = grips(fixed)
+    """Scene 3: drop rate against mean force of three grips, drawn too."""
+    # below it no fixed force (N) could hold 98 % of the 200 loads of a full run
+    every = range(FRESH, FRESH + LOADS['full'])
+    needed = [Handling.draw(kind, seed).needed for kind in CHANGES for seed in every]
+    fixed = float(np.quantile(needed, HELD))
+    tried, began = grips(fixed), time.perf_counter()
     each: dict[str, list[list[Carried]]] = {name: [] for name in tried}
-    spent = dict.fromkeys(tried, 0.0)
     for seed in within(time_s, seeds):
         pair = [Handling.draw(kind, seed) for kind in CHANGES]
         for name, grip in tried.items():
-            began = time.perf_counter()
             seen = pair[-1] if (name, seed) == ('adaptive', seeds[0]) else None
             each[name].append(
                 [trials.carry(one, seed, grip, film if one is seen else unseen) for one in pair]
             )
-            spent[name] += time.perf_counter() - began
-    points = {}
-    for name, pairs in each.items():
-        parts = list(zip(*pairs, strict=True))
-        carried = [one for part in parts for one in part]
-        points[name] = shares(carried)
-        mean, dropped = zip(*blocks(carried, len(pairs)), strict=True)
+    plot = Plot((0, 10), (0, 100), 'mean force (N)', 'dropped (%)', (480, 320),
+                description='Drop rate over mean force')  # fmt: skip
+    for i, (name, pairs) in enumerate(each.items()):
+        carried = np.array([[(one.held, one.mean_force) for one in pair] for pair in pairs])
+        held, force = carried.mean(axis=(0, 1)).tolist()
+        what = f'{carried.shape[0] * carried.shape[1]} loads in MuJoCo, {name}'
         aims = (HELD, SPARED * fixed) if name == 'adaptive' else (None, None)
-        what = f'{len(carried)} loads in MuJoCo, {name}'
-        found.rows += [
-            Row(f'{what}: held', '1', 1 - points[name][1], 'high', aim=aims[0],
-                by_seed=tuple(1 - share for share in dropped)),
-            Row(f'{what}: mean force', 'N', points[name][0], aim=aims[1], by_seed=mean),
-            *(
-                Row(f'{what}, {kind}: held', '1',
-                    float(np.mean([one.held for one in part])), 'high')
-                for kind, part in zip(CHANGES, parts, strict=True)
-            ),
-            _real_time(what, sum(one.seconds for one in carried), spent[name]),
-        ]  # fmt: skip
+        found.rows += load_rows(what, carried, aims)
+        plot.mark(force, 100 * (1 - held), i, f'fill c{i}')
+        plot.text(force, 100 * (1 - held), name, 'middle', shift=-12.0)
+    simulated = sum(one.seconds for pairs in each.values() for pair in pairs for one in pair)
+    found.timed('loads in MuJoCo', simulated, began)
     found.notes.append(
         f'Fixed in MuJoCo: {fixed:.2f} N, below which no fixed force could hold 98 % of the 200 '
         'loads of a full run.'
     )
-    found.drawings['loads'] = drawn_loads(points)
+    found.drawings['loads'] = standalone(plot)
 
 
-def smallest_fixed() -> float:
-    """Force (N) below which none could hold 98 % of the 200 loads of a full run."""
-    seeds = range(FRESH, FRESH + LOADS['full'])
-    needed = [Handling.draw(kind, seed).needed for kind in CHANGES for seed in seeds]
-    return float(np.quantile(needed, HELD))
+def films() -> dict[str, Film]:
+    """What is filmed, and from where."""
+    return {
+        'balloon': Film(4.0, (0.0, 0.06, 0.0), 0.32, azimuth=60.0, elevation=-40.0, speed_up=3.0),
+        'allegro': Film(10.0, (0.07, 0.02, 0.05), 0.36, azimuth=310.0, elevation=-25.0),
+        'loads': Film(12.0, (0.0, 0.0, 0.01), 0.22, azimuth=115.0, elevation=-15.0),
+    }
 
 
-def shares(carried: list[Carried]) -> tuple[float, float]:
-    """Mean force (N) and drop rate."""
-    force = float(np.mean([one.mean_force for one in carried]))
-    return force, 1 - float(np.mean([one.held for one in carried]))
+def run_grasps(output: Path, seed: int, as_json: bool = False) -> int:
+    """Run the scenes, print their figures, write plots and films into the folder `output`."""
+    began = time.perf_counter()
+    prefer_no_screen()
+    sentence = why_not()
+    made = {} if sentence else films()
+    print('calibrating fingertips, then a minute or two of scenes', file=sys.stderr, flush=True)
+    found = run('quick', seed, made)
+    if importlib.util.find_spec('rclpy') is None:
+        found.notes.append('Faults during a grasp are left out: they need ROS 2.')
+    else:
+        print('faults during a grasp through the nodes', file=sys.stderr, flush=True)
+        from benchmarks.worlds.grip_faults import fault_rows
 
-
-def blocks(carried: list[Carried], count: int) -> list[tuple[float, float]]:
-    """The same of blocks of their seeds, of which each kind has `count`."""
-    parts = np.array_split(np.arange(len(carried)).reshape(-1, count), min(BLOCKS, count), axis=1)
-    return [shares([carried[i] for i in part.ravel()]) for part in parts]
-
-
-def drawn_loads(points: dict[str, tuple[float, float]]) -> str:
-    """Drop rate over mean force."""
-    plot = Plot((0, 10), (0, 100), 'mean force (N)', 'dropped (%)', (480, 320),
-                description='Drop rate over mean force')  # fmt: skip
-    for i, (name, (force, dropped)) in enumerate(points.items()):
-        plot.mark(force, 100 * dropped, i, f'fill c{i}')
-        plot.text(force, 100 * dropped, name, 'middle', shift=-12.0)
-    return standalone(plot)
-
-
-def _real_time(what: str, seconds: float, elapsed: float) -> Row:
-    """Simulated over elapsed time (s)."""
-    return Row(f'{what}: real-time factor', '1', seconds / elapsed, 'high')
+        rows, told, drawn = fault_rows('quick')
+        found = Found(found.rows + rows, found.notes + told, {**found.drawings, **drawn})
+    command = f'tactile demo grasp --seed {seed}'
+    result = BenchResult('grasp', command, [seed], found.rows, found.notes, found.drawings)
+    show(COLUMNS, [row.cells() for row in result.rows], f'grasp: {command}', as_json)
+    output.mkdir(parents=True, exist_ok=True)
+    lines = [*result.notes, *(f'drawn: {path}' for path in result.draw(output))]
+    for name, film in made.items():
+        lines.append(f'filmed: {film.save(output / f"grasp_{name}.gif")}')
+    if sentence:
+        lines.append(f'no films: {sentence}')
+    lines.append(f'{time.perf_counter() - began:.0f} s')
+    for line in lines:
+        print(f'  {line}', file=sys.stderr if as_json else sys.stdout)
+    return 0

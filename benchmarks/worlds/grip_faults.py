@@ -13,63 +13,61 @@ import os
 import signal
 import tempfile
 import time
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.harness.live import QUIET
 from benchmarks.harness.rows import Row
-from benchmarks.worlds import grip_fault_plot
 from tactile_ros.control import GripPhase
+from tactile_ros.evaluation.figures import Plot, standalone
 from tactile_ros.hands.drivers import read_command
-from tactile_ros.nodes.graph import Graph, HandSetup, Process, grasping
+from tactile_ros.nodes.graph import Graph, HandSetup, grasping
 from tactile_ros.nodes.processes import Running
 from tactile_ros.sensors import load_sensor
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from worlds.grip_fault_plot import Suffered
-
-    from tactile_ros.types import Array
+from tactile_ros.types import Array
 
 SENSOR = 'taxel_array'
 HANDS = {'joint_trajectory': ('left', 'right'), 'allegro_v5': ('index', 'thumb')}
-TARGET = 2.0  # N
-LEAST, LARGEST = 0.5, 1.2  # of it: neither dropped nor crushed
+TARGET, MS = 2.0, 1e3  # N
+LEAST, LARGEST = 0.5 * TARGET, 1.2 * TARGET  # neither dropped nor crushed
 STALE_S = 0.1  # as in GripConfig
-WATCHED_S = 0.8
-PATIENCE_S = 40.0
+WATCHED_S, PATIENCE_S = 0.8, 40.0
 GRIP = {'closing_rate': 0.5, 'stiffness_high': 60.0, 'fewest_fingers': 2, 'fault_time': 30.0}
 SENDING_S = 0.02  # by which commands may lie closer together than they were made
 LIES_S = 0.005  # between forces that are no numbers
 NEAR = 0.01  # of a joint to the last target (unit of the joint)
 KILLED_IN = (GripPhase.CLOSE, GripPhase.LOAD)  # while the command moves
+Found = tuple[list[Row], str]  # rows, and a sentence
 
 
 @dataclass(frozen=True)
 class Fault:
-    """What goes wrong, how it is mended, and what is expected.
+    """What goes wrong, and how it is mended; `stale` (s) until the input counts as such.
 
-    Attributes
-    ----------
-    name : str
-        As the table says.
-    begin, end : callable
-        Cause it, mend it.
-    stale : float
-        Time after which the input counts as stale (s); 0: it says itself that it is bad.
-    refused : bool
-        The grip must refuse to go on; otherwise it must go on as if nothing was.
+    0: it says itself that it is bad. Where not `refused` the grip must go on as if nothing was.
     """
 
     name: str
-    begin: Callable[[], None]
-    end: Callable[[], None]
+    begin: Callable[[], object]
+    end: Callable[[], object] = lambda: None
     stale: float = STALE_S
     refused: bool = True
+
+
+@dataclass(frozen=True)
+class Suffered:
+    """True force (s,) (N) of the finger that presses most, at times (s,) after a fault (s).
+
+    `after`: when the safe action began (s); NaN: never.
+    """
+
+    at: Array
+    force: Array
+    after: float
 
 
 @dataclass
@@ -119,7 +117,6 @@ class Scene:
         for node in (self.hand, self.node):
             self._executor.add_node(node)
         start([self.hand])
-        self.limits = self.hand._driver.limits
         self.seen = Seen()
         self.node.create_subscription(GripState, 'grip_node/state', self._on_state, 10)
         self._topic = self.hand._driver.topics[-1]
@@ -130,33 +127,22 @@ class Scene:
         contacts = f'{self.fingers[0]}/contacts'
         self.spoof = self.node.create_publisher(TactileContacts, contacts, qos())
         self.contacts = TactileContacts
-        graph = Graph(tuple(p for p in whole.processes if p.executable != 'mock_hand'))
-        self.running = held.enter_context(
-            Running(graph, {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'})
-        )
+        self.graph = Graph(tuple(p for p in whole.processes if p.executable != 'mock_hand'))
+        self.running = held.enter_context(Running(self.graph, QUIET))
 
     def _on_state(self, state: object) -> None:
         self.seen.states.append((time.monotonic(), state))
-        self.seen.forces.append(max(self.hand.pressed.force))
+        self.seen.forces.append(self.force)
 
     def _on_command(self, message: object, info: dict[str, int]) -> None:
         position, _ = read_command(self._topic.kind, message, self.hand._driver.joints)
         self.seen.commands.append((1e-9 * info['source_timestamp'], position))
         self.seen.last = message
 
-    def spin(self, seconds: float, until: Callable[[], object] = lambda: False) -> bool:
-        """Serve callbacks until something holds; whether it did in time."""
-        deadline = time.monotonic() + seconds
-        while not until():
-            if time.monotonic() > deadline:
-                return False
-            self._executor.spin_once(timeout_sec=0.005)
-        return True
-
     @property
-    def is_open(self) -> bool:
-        """Nothing is pressed."""
-        return max(self.hand.pressed.force) == 0.0
+    def force(self) -> float:
+        """True force of the finger that presses most (N)."""
+        return max(self.hand.pressed.force)
 
     @property
     def is_moving(self) -> bool:
@@ -168,6 +154,15 @@ class Scene:
     def phase(self) -> int:
         """Newest phase."""
         return self.seen.states[-1][1].phase if self.seen.states else GripPhase.IDLE
+
+    def spin(self, seconds: float, until: Callable[[], object] = lambda: False) -> bool:
+        """Serve callbacks until something holds; whether it did in time."""
+        deadline = time.monotonic() + seconds
+        while not until():
+            if time.monotonic() > deadline:
+                return False
+            self._executor.spin_once(timeout_sec=0.005)
+        return True
 
     def hold(self) -> None:
         """Wait until the object is held, asking for a grasp where there is none."""
@@ -187,149 +182,132 @@ class Scene:
                 msg = f'the grip did not answer within {PATIENCE_S:g} s: {self.running.lines}'
                 raise TimeoutError(msg)
 
-    def outside(self, seen: Seen) -> int:
+    def kill(self, name: str) -> None:
+        """End a process at once."""
+        self.running.children[name].send_signal(signal.SIGKILL)
+
+    def again(self, name: str) -> None:
+        """Start a killed process again."""
+        self.running.wait(name, PATIENCE_S)
+        (process,) = (p for p in self.graph.processes if self.graph.name_of(p) == name)
+        self.running.start(process)
+
+    def outside(self) -> Row:
         """Commands beyond limits, or farther from any before than the joints' speed allows."""
-        if not seen.commands:
-            return 0
-        at = np.array([at for at, _ in seen.commands])
-        position = np.array([position for _, position in seen.commands])
-        limits = self.limits
-        beyond = (position < limits.lower - 1e-9) | (position > limits.upper + 1e-9)
-        reach = limits.velocity * at[:, None]
-        for way in (position, -position):
-            ahead = way - reach
-            ahead = ahead - np.minimum.accumulate(ahead)
-            beyond |= ahead > limits.velocity * SENDING_S + 1e-9
-        return int(beyond.any(axis=1).sum())
+        count, limits = 0, self.hand._driver.limits
+        if self.seen.commands:
+            at, position = map(np.array, zip(*self.seen.commands, strict=True))
+            beyond = (position < limits.lower - 1e-9) | (position > limits.upper + 1e-9)
+            for way in (position, -position):
+                ahead = way - limits.velocity * at[:, None]
+                ahead = ahead - np.minimum.accumulate(ahead)
+                beyond |= ahead > limits.velocity * SENDING_S + 1e-9
+            count = int(beyond.any(axis=1).sum())
+        return Row('commands outside limits', '1', float(count), aim=0.0)
 
-
-def faults(scene: Scene) -> list[Fault]:
-    """All that can go wrong here."""
-    left = scene.hand.pressed.twins[0]
-    one, other = scene.fingers
-    processes = {scene.running.graph.name_of(p): p for p in scene.running.graph.processes}
-
-    def kill(name: str) -> Callable[[], None]:
-        return lambda: scene.running.children[name].send_signal(signal.SIGKILL)
-
-    def again(name: str) -> Callable[[], None]:
-        return lambda: _restart(scene, name, processes[name])
-
-    def hand(fault: str) -> Callable[[], None]:
+    def faults(self) -> list[Fault]:
+        """All that can go wrong here."""
         from rclpy.parameter import Parameter
 
-        return lambda: scene.hand.set_parameters([Parameter('fault', value=fault)]) and None
+        twin = self.hand.pressed.twins[0]
+        contact, sensor = f'{self.fingers[0]}/contact_node', f'{self.fingers[1]}/sensor_node'
 
-    def lie() -> None:
-        message = scene.contacts(valid=True, sequence=2**40, slip=-1)
-        message.wrench.force.z = math.nan
-        message.header.stamp = scene.node.get_clock().now().to_msg()
-        scene.spoof.publish(message)
+        def hand(fault: str) -> Callable[[], object]:
+            return lambda: self.hand.set_parameters([Parameter('fault', value=fault)])
 
-    def nan() -> None:
-        scene.lies = scene.node.create_timer(LIES_S, lie)
+        def lie() -> None:
+            message = self.contacts(valid=True, sequence=2**40, slip=-1)
+            message.wrench.force.z = math.nan
+            message.header.stamp = self.node.get_clock().now().to_msg()
+            self.spoof.publish(message)
 
-    def true() -> None:
-        scene.node.destroy_timer(scene.lies)
+        def nan() -> None:
+            self.lies = self.node.create_timer(LIES_S, lie)
 
-    nothing: Callable[[], None] = lambda: None  # noqa: E731 - it mends itself
-    return [
-        Fault('sensor unplugged for 1 s', lambda: left.inject('unplug'), nothing),
-        Fault('sensor sends nothing for 0.5 s', lambda: left.inject('stall'), nothing),
-        Fault('frames frozen', lambda: left.inject('stuck_chip', 100), nothing),
-        Fault('board clock jumps', lambda: left.inject('clock_jump'), nothing, refused=False),
-        Fault('NaN between the forces', nan, true, stale=0.0),
-        Fault('hand driver silent', hand('silent'), hand('none')),
-        Fault('joint states NaN', hand('nan'), hand('none')),
-        Fault('contact_node killed', kill(f'{one}/contact_node'), again(f'{one}/contact_node')),
-        Fault('sensor_node killed', kill(f'{other}/sensor_node'), again(f'{other}/sensor_node')),
-    ]
+        return [
+            Fault('sensor unplugged for 1 s', lambda: twin.inject('unplug')),
+            Fault('sensor sends nothing for 0.5 s', lambda: twin.inject('stall')),
+            Fault('frames frozen', lambda: twin.inject('stuck_chip', 100)),
+            Fault('board clock jumps', lambda: twin.inject('clock_jump'), refused=False),
+            Fault('NaN between the forces', nan, lambda: self.node.destroy_timer(self.lies), 0.0),
+            Fault('hand driver silent', hand('silent'), hand('none')),
+            Fault('joint states NaN', hand('nan'), hand('none')),
+            Fault('contact_node killed', lambda: self.kill(contact), lambda: self.again(contact)),
+            Fault('sensor_node killed', lambda: self.kill(sensor), lambda: self.again(sensor)),
+        ]
 
+    def suffer(self, fault: Fault) -> tuple[list[Row], str, Suffered]:
+        """Let one fault happen; what the grip did."""
+        before = self.force
+        self.seen = seen = Seen()
+        began = time.monotonic()
+        fault.begin()
+        self.spin(WATCHED_S)
+        bad = [(at, state.refusal) for at, state in seen.states if state.phase == GripPhase.FAULT]
+        after, why = (bad[0][0] - began, bad[0][1]) if bad else (math.nan, '')
+        fault.end()
+        largest, least = max(seen.forces, default=before), min(seen.forces, default=before)
+        rows = [
+            Row('force, largest', 'N', largest, aim=LARGEST),
+            Row('force, least', 'N', least, 'high', aim=LEAST),
+            self.outside(),
+        ]
+        if fault.refused:
+            late = MS * max(after - fault.stale, 0.0) if bad else MS * WATCHED_S
+            rows.insert(0, Row('safe action after stale', 'ms', late, aim=100.0))
+        did = f'holds: {why}' if bad else ('NO REACTION' if fault.refused else 'goes on')
+        shown = f'{MS * after:.0f} ms after the fault' if bad else '-'
+        at = np.array([at for at, _ in seen.states]) - began
+        return rows, f'{did} | {shown}', Suffered(at, np.array(seen.forces), after)
 
-def _restart(scene: Scene, name: str, process: Process) -> None:
-    """Start a killed process again."""
-    scene.running.wait(name, PATIENCE_S)
-    scene.running.start(process)
+    def die(self, phase: GripPhase) -> Found:
+        """Kill the grip while its command moves: it must have sent a posture last, which holds."""
+        self.ask(self.opening, lambda: self.phase == GripPhase.IDLE and self.force == 0.0)
+        self.seen = seen = Seen()
+        self.ask(self.goal, lambda: self.phase == phase and self.is_moving)
+        self.kill('grip_node')
+        self.spin(WATCHED_S)
+        stopped = self.hand.joints.position
+        self.spin(0.2)
+        now, (_, target) = self.hand.joints.position, seen.commands[-1]
+        rows = [
+            Row('joints beside the last target', 'rad', float(np.abs(now - target).max()),
+                aim=NEAR),
+            Row('joints that still move', 'rad', float(np.abs(now - stopped).max()), aim=NEAR),
+            Row('last command holds no posture', '1', float(not is_posture(seen.last)), aim=0.0),
+            Row('force, largest', 'N', max([*seen.forces, self.force]), aim=LARGEST),
+            self.outside(),
+        ]  # fmt: skip
+        self.again('grip_node')
+        self.seen = Seen()
+        return rows, f'the last posture holds, {self.force:.2f} N | at once'
 
 
 def fault_rows(extent: str) -> tuple[list[Row], list[str], dict[str, str]]:
     """Rows of every fault (quick: of the first and of one death, of one hand), told and drawn."""
+    for name, value in QUIET.items():
+        os.environ.setdefault(name, value)
     traces: dict[str, list[Suffered]] = {}
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     rows: list[Row] = []
     told = [
         f'Faults during a grasp of {TARGET:g} N on twins and a fake hand: fault | reaction | time'
     ]
+
+    def keep(hand: str, name: str, found: list[Row], sentence: str) -> None:
+        rows.extend(replace(row, what=f'{hand}: fault, {name}: {row.what}') for row in found)
+        told.append(f'{hand}: {name} | {sentence}')
+
     for hand in HANDS if extent != 'quick' else [*HANDS][:1]:
         with ExitStack() as held:
             scene = Scene(held, hand)
-            for fault in faults(scene)[: 1 if extent == 'quick' else None]:
+            for fault in scene.faults()[: 1 if extent == 'quick' else None]:
                 scene.hold()
-                found, sentence, trace = _suffer(scene, fault)
-                traces.setdefault(hand, []).append(grip_fault_plot.Suffered(*trace))
-                rows += [replace(row, what=f'{hand}: {row.what}') for row in found]
-                told.append(f'{hand}: {sentence}')
+                *found, trace = scene.suffer(fault)
+                traces.setdefault(hand, []).append(trace)
+                keep(hand, fault.name, *found)
             for phase in KILLED_IN[-1:] if extent == 'quick' else KILLED_IN:
-                found, sentence = _killed(scene, phase)
-                rows += [replace(row, what=f'{hand}: {row.what}') for row in found]
-                told.append(f'{hand}: {sentence}')
-    drawing = grip_fault_plot.drawn(traces, TARGET, (LEAST * TARGET, LARGEST * TARGET), STALE_S)
-    return rows, told, {'faults': drawing}
-
-
-def _suffer(scene: Scene, fault: Fault) -> tuple[list[Row], str, tuple[Array, Array, float]]:
-    """Let one fault happen; what the grip did, and times, forces and when it began to hold."""
-    before = max(scene.hand.pressed.force)
-    scene.seen = seen = Seen()
-    began = time.monotonic()
-    fault.begin()
-    scene.spin(WATCHED_S)
-    bad = [(at, state.refusal) for at, state in seen.states if state.phase == GripPhase.FAULT]
-    after, why = (bad[0][0] - began, bad[0][1]) if bad else (math.nan, '')
-    fault.end()
-    largest, least = max(seen.forces, default=before), min(seen.forces, default=before)
-    name = f'fault, {fault.name}'
-    rows = [
-        Row(f'{name}: force, largest', 'N', largest, aim=LARGEST * TARGET),
-        Row(f'{name}: force, least', 'N', least, 'high', aim=LEAST * TARGET),
-        Row(f'{name}: commands outside limits', '1', float(scene.outside(seen)), aim=0.0),
-    ]
-    if fault.refused:
-        late = 1e3 * max(after - fault.stale, 0.0) if bad else 1e3 * WATCHED_S
-        rows.insert(0, Row(f'{name}: safe action after stale', 'ms', late, aim=100.0))
-    did = f'holds: {why}' if bad else ('NO REACTION' if fault.refused else 'goes on')
-    shown = f'{1e3 * after:.0f} ms after the fault' if bad else '-'
-    at = np.array([at for at, _ in seen.states]) - began
-    return rows, f'{fault.name} | {did} | {shown}', (at, np.array(seen.forces), after)
-
-
-def _killed(scene: Scene, phase: GripPhase) -> tuple[list[Row], str]:
-    """The grip dies while its command moves: what it sent last must be a posture, and hold."""
-    scene.ask(scene.opening, lambda: scene.phase == GripPhase.IDLE and scene.is_open)
-    scene.seen = seen = Seen()
-    scene.ask(scene.goal, lambda: scene.phase == phase and scene.is_moving)
-    scene.running.children['grip_node'].send_signal(signal.SIGKILL)
-    scene.spin(WATCHED_S)
-    stopped = scene.hand.joints.position
-    scene.spin(0.2)
-    now, (_, target) = scene.hand.joints.position, seen.commands[-1]
-    rows = [
-        Row('joints beside the last target', 'rad', float(np.abs(now - target).max()), aim=NEAR),
-        Row('joints that still move', 'rad', float(np.abs(now - stopped).max()), aim=NEAR),
-        Row('last command holds no posture', '1', float(not is_posture(seen.last)), aim=0.0),
-        Row('force, largest', 'N', max([*seen.forces, *scene.hand.pressed.force]),
-            aim=LARGEST * TARGET),
-        Row('commands outside limits', '1', float(scene.outside(seen)), aim=0.0),
-    ]  # fmt: skip
-    name = f'grip_node killed in {phase.name}'
-    process = next(p for p in scene.running.graph.processes if p.executable == 'grip_node')
-    _restart(scene, 'grip_node', process)
-    scene.seen = Seen()
-    held = max(scene.hand.pressed.force)
-    return (
-        [replace(row, what=f'fault, {name}: {row.what}') for row in rows],
-        f'{name} | the last posture holds, {held:.2f} N | at once',
-    )
+                keep(hand, f'grip_node killed in {phase.name}', *scene.die(phase))
+    return rows, told, {'faults': drawn(traces)}
 
 
 def is_posture(message: object) -> bool:
@@ -341,3 +319,25 @@ def is_posture(message: object) -> bool:
         if not len(values) or not np.isfinite(values).all() or any(len(one) for one in more):
             return False
     return True
+
+
+def drawn(hands: Mapping[str, Sequence[Suffered]]) -> str:
+    """Forces (N) after all faults of each hand, between bounds; a mark where it began to hold."""
+    ends = [float(one.at[-1]) for each in hands.values() for one in each if len(one.at)]
+    longest = MS * max(ends, default=1.0)
+    plot = Plot((0.0, longest), (0.0, 1.4 * TARGET), 'time after the fault (ms)',
+                'largest force of a finger (N)', (480, 300),
+                description='Force after each fault of a grasp')  # fmt: skip
+    for bound, told in ((LEAST, 'least'), (LARGEST, 'most')):
+        plot.line(np.array([0.0, longest]), np.full(2, bound), 'rule')
+        plot.text(longest, bound, f'{told} that is allowed', 'end', shift=-9.0)
+    for i, (hand, each) in enumerate(hands.items()):
+        for one in each:
+            plot.line(MS * one.at, one.force, f'line c{i}')
+            if np.isfinite(one.after):
+                held = float(np.interp(one.after, one.at, one.force))
+                plot.mark(MS * one.after, held, i, f'fill c{i}')
+        words = f'{hand}: {len(each)} faults, and when it held'
+        plot.text(longest, (0.3 - 0.12 * i) * TARGET, words, 'end', f'key c{i}')
+    plot.rule(MS * STALE_S, 'an input counts as stale')
+    return standalone(plot)

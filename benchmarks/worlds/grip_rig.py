@@ -1,61 +1,127 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""What surrounds a grip while its delay is taken: boards that send, a hand that listens.
+"""Surroundings of a grip while its delay is taken: boards that send, a hand that listens.
 
-Each in a process of its own, so that what is measured is the nodes alone. Boards write one frame
-at a time and keep when they did; the listener keeps when the middleware of the nodes sent each
-command, which is the end of their work, and when its own received it.
+Each in a process of its own, so that what is measured is the nodes alone. Boards play a rest, then
+a press that stays, and keep when they wrote each frame; the listener keeps when the middleware of
+the nodes sent each command, which is the end of their work, and when its own received it. The
+kernel tells in /proc how long a thread ran and how long it was ready without a processor; in which
+of its functions a thread sleeps is looked at again and again, from another process.
 """
 
 from __future__ import annotations
 
-import os
+import dataclasses
 import struct
 import time
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
+from math import nan
 from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from threading import get_native_id
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.devices.framed_protocol import encode as framed
+from tactile_ros.devices.framed_protocol import gradiometer
+from tactile_ros.devices.reskin_protocol import encode as packet
 from tactile_ros.devices.simulated_serial import SimulatedSerialPort
-from tactile_ros.types import Integers
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from multiprocessing.connection import Connection
+from tactile_ros.nodes.graph import Value
+from tactile_ros.nodes.sensor_node import Reader
+from tactile_ros.sensors import load_sensor
+from tactile_ros.types import Array, Integers
 
 COMMANDS, STATES = '/allegroHand_0/joint_cmd', '/allegroHand_0/joint_states'
 POSTURE_S, PATIENCE_S = 0.01, 30.0
-TARGET = 1.5  # N
 FLICKER = 1e-5  # rad, of encoders: a posture that never changes is a fault
 SILENT_S = 2.0  # without commands, after which a grasp is asked for again
 STAMP = struct.Struct('<iI')  # of the header behind the four bytes that every message begins with
 FORK = get_context('fork')
 NS = 1_000_000_000
+FAST_HZ, SLOW_HZ = 1000.0, 100.0
+FINGERS = ('index', 'middle', 'ring', 'thumb')
+CHIPS, PITCH = 20, 5e-3  # of a skin; m
+FORCE = 1.5  # N, of the press that the boards play, and of the grasp
+KEPT, REST = 512, 200  # noisy frames of it that are played again and again, after a rest
+LOOK_S = 5e-3
+LOCK = 'futex'  # in the name of the kernel function that waits for a lock
+UNTOLD = 'this system does not tell what its threads waited for'
 
 
 @dataclass(frozen=True)
-class Heard:
-    """Commands of one run.
+class Scene:
+    """What is played into which nodes, at a rate of frames and commands alike."""
 
-    Attributes
-    ----------
-    stamp_ns : ndarray, shape (n,)
-        Of the forces that they answer.
-    sent_ns, received_ns : ndarray, shape (n,)
-        When the middleware sent and received them.
-    refusal : str
-        What grip_node said in its diagnostics when it sent nothing last; empty: it always did.
-    """
+    sensor: str
+    rate_hz: float
+    fingers: tuple[str, ...]  # with a sensor of their own; the others of the hand hear the first
+    encode: Callable[[int, int], bytes]  # of frame, time (us)
+    values: dict[str, Value]  # parameters of the sensors
 
-    stamp_ns: Integers
-    sent_ns: Integers
-    received_ns: Integers
-    refusal: str = ''
+    @property
+    def heard(self) -> dict[str, str]:
+        """Topics of fingers without a sensor."""
+        others = [name for name in FINGERS if name not in self.fingers]
+        return {f'/{name}/contacts': f'/{self.fingers[0]}/contacts' for name in others}
+
+
+def gradiometer_scene(folder: Path, estimator: str | None = None) -> Scene:
+    """One gradiometer at 1 kHz that four fingers hear."""
+    spec, payload = load_sensor('gradiometer'), gradiometer()
+    config = dataclasses.replace(spec.config(), rate_hz=FAST_HZ)
+    values, warmth = _calibrated(folder, 'gradiometer', config, estimator)
+    counts = np.rint(values / spec.connection().tesla_per_count).astype(np.int64)
+
+    def encode(frame: int, time_us: int) -> bytes:
+        row = _row(frame)
+        return framed(payload, counts[row], frame, time_us, warmth[row])
+
+    parameters = {'rate_hz': FAST_HZ, 'native_usb': True}
+    return Scene('gradiometer', FAST_HZ, FINGERS[:1], encode, parameters)
+
+
+def skin_scene(folder: Path) -> Scene:
+    """Four skins of 20 chips at 100 Hz, one for each finger."""
+    spec = load_sensor('reskin_board')
+    rows, columns = np.divmod(np.arange(CHIPS), 5)
+    places = PITCH * np.stack([columns - 2.0, rows - 1.5, np.zeros(CHIPS)], axis=1)
+    config = dataclasses.replace(spec.config(), positions=places, rate_hz=SLOW_HZ)
+    frames = [packet(row) for row in _calibrated(folder, 'reskin_board', config)[0]]
+    parameters = {'rate_hz': SLOW_HZ, 'positions': places.ravel().tolist()}
+    return Scene(
+        'reskin_board', SLOW_HZ, FINGERS, lambda frame, _: frames[_row(frame)], parameters
+    )
+
+
+def _row(frame: int) -> int:
+    """Row that is played: rest, then the press again and again."""
+    return frame if frame < REST else REST + (frame - REST) % KEPT
+
+
+def _calibrated(
+    folder: Path, key: str, config: object, estimator: str | None = None
+) -> tuple[Array, Array]:
+    """Calibrate on presses of another seed; rows (s, t, c) to play, and warmth (s,)."""
+    spec = load_sensor(key)
+    learnt, presses = spec.presses(config, 1), spec.presses(config, 0)
+    some = slice(None, None, -(-len(learnt) // 3000))
+    pipeline = spec.pipeline(config, estimator=estimator).fit(learnt.select(some))
+    (folder / key).mkdir(parents=True, exist_ok=True)
+    for finger in FINGERS:
+        pipeline.save(folder / key / f'{finger}.npz')
+    force = np.nan_to_num(presses.truth['force'])
+    straight = np.linalg.norm(force - [0.0, 0.0, FORCE], axis=1).argmin()
+    rests = np.flatnonzero(force[:, 2] == 0)
+    rows = np.append(np.resize(rests, REST), np.full(KEPT, straight))
+    values = presses.values[rows].copy()
+    noise = np.random.default_rng(0).normal(size=values[REST:].shape)
+    values[REST:] += pipeline.rest_.noise * noise
+    chips = presses.temperature_c
+    return values, np.full(len(rows), nan) if chips is None else chips[rows].mean(axis=1)
 
 
 @dataclass
@@ -93,42 +159,41 @@ class Helper:
         self._process.join(PATIENCE_S)
 
 
-def boards(
-    encode: Callable[[int, int, int], bytes], count: int, rate_hz: float
-) -> Callable[[Connection], None]:
-    """Work of boards that send side by side; `encode(board, frame, time_us)` gives the bytes."""
+def boards(scene: Scene) -> Callable[[Connection], None]:
+    """Work of boards that send side by side; reports when each frame of the last was written."""
 
     def work(pipe: Connection) -> None:
         with ExitStack() as stack:
-            ports = [stack.enter_context(SimulatedSerialPort()) for _ in range(count)]
+            ports = [stack.enter_context(SimulatedSerialPort()) for _ in scene.fingers]
             pipe.send([port.port for port in ports])
             for port in ports:
                 port.wait_for_reader(PATIENCE_S)
-            pipe.send(_stream(ports, encode, rate_hz, pipe))
+            period_ns, begin = round(NS / scene.rate_hz), time.time_ns()
+            written: list[int] = []
+            while len(written) % 64 or not pipe.poll():
+                at = begin + len(written) * period_ns
+                time.sleep(max(at - time.time_ns(), 0) / NS)
+                frame = scene.encode(len(written), (time.time_ns() - begin) // 1000)
+                for port in ports:
+                    now = time.time_ns()
+                    port.send(frame)
+                written.append(now)
+            pipe.send(np.array(written, np.int64))
 
     return work
 
 
-def _stream(
-    ports: list[SimulatedSerialPort],
-    encode: Callable[[int, int, int], bytes],
-    rate_hz: float,
-    pipe: Connection,
-) -> Integers:
-    """Send until told to end; when each frame of the last board was written (ns)."""
-    period_ns = round(NS / rate_hz)
-    begin = time.time_ns()
-    written: list[int] = []
-    while len(written) % 64 or not pipe.poll():
-        at = begin + len(written) * period_ns
-        time.sleep(max(at - time.time_ns(), 0) / NS)
-        time_us = (time.time_ns() - begin) // 1000
-        frames = [encode(board, len(written), time_us) for board in range(len(ports))]
-        for port, frame in zip(ports, frames, strict=True):
-            now = time.time_ns()
-            port.send(frame)
-        written.append(now)
-    return np.array(written, np.int64)
+@dataclass(frozen=True)
+class Heard:
+    """Commands (n,): stamps of the forces that they answer, when they were sent and received.
+
+    `refusal` is what grip_node said in its diagnostics when it sent nothing last.
+    """
+
+    stamp_ns: Integers
+    sent_ns: Integers
+    received_ns: Integers
+    refusal: str = ''
 
 
 def listener(pipe: Connection) -> None:
@@ -138,11 +203,12 @@ def listener(pipe: Connection) -> None:
 
     rclpy.init()
     node = Node('listening_hand')
-    hand = Hand(node)
+    hand, told = Hand(node), False
     while not pipe.poll():
         rclpy.spin_once(node, timeout_sec=0.05)
-        if hand.news():
+        if len(hand.heard) > 10 and not told:
             pipe.send('commands come')
+            told = True
     pipe.send(Heard(*np.array(hand.heard, np.int64).reshape(-1, 3).T, hand.refusal))
     node.destroy_node()
     rclpy.try_shutdown()
@@ -162,10 +228,8 @@ class Hand:
 
         self.heard: list[tuple[int, int, int]] = []
         self.refusal = ''
-        self._counted, self._silent_s = 0, time.monotonic()
-        self._told = False
-        self._asked_s = 0.0
-        self._node, self._kind, self._goal = node, JointState, Grasp.Goal(target_force=TARGET)
+        self._counted, self._silent_s, self._asked_s = 0, time.monotonic(), 0.0
+        self._node, self._kind, self._goal = node, JointState, Grasp.Goal(target_force=FORCE)
         described = load_hand('allegro_v5')
         self._names = list(described.driver.joints)
         self._posture = described.posture('pre_grasp', np.zeros(16))
@@ -206,34 +270,25 @@ class Hand:
                 self._grasp.send_goal_async(self._goal)
             self._asked_s = now_s
 
-    def news(self) -> bool:
-        """Whether the first commands have just come."""
-        told, self._told = self._told, len(self.heard) > 10
-        return self._told and not told
 
+def caller(pipe: Connection) -> None:
+    """Work of a client that asks grip_node for its parameters, again and again."""
+    import rclpy
+    from rcl_interfaces.srv import GetParameters
+    from rclpy.node import Node
 
-def caller(service: str) -> Callable[[Connection], None]:
-    """Work of a client that asks a node for its parameters, again and again."""
-
-    def work(pipe: Connection) -> None:
-        import rclpy
-        from rcl_interfaces.srv import GetParameters
-        from rclpy.node import Node
-
-        rclpy.init()
-        node = Node('asking')
-        client = node.create_client(GetParameters, service)
-        answers = 0
-        while not pipe.poll():
-            if client.wait_for_service(0.1):
-                future = client.call_async(GetParameters.Request(names=['use_sim_time']))
-                rclpy.spin_until_future_complete(node, future, timeout_sec=1.0)
-                answers += future.done()
-        pipe.send(answers)
-        node.destroy_node()
-        rclpy.try_shutdown()
-
-    return work
+    rclpy.init()
+    node = Node('asking')
+    client = node.create_client(GetParameters, '/grip_node/get_parameters')
+    answers = 0
+    while not pipe.poll():
+        if client.wait_for_service(0.1):
+            future = client.call_async(GetParameters.Request(names=['use_sim_time']))
+            rclpy.spin_until_future_complete(node, future, timeout_sec=1.0)
+            answers += future.done()
+    pipe.send(answers)
+    node.destroy_node()
+    rclpy.try_shutdown()
 
 
 class Spun:
@@ -288,28 +343,43 @@ def difference(pipe: Connection) -> None:
     pipe.send(max(float(np.abs(live - alone).max()) for live in found))
 
 
-def kept_waiting(pid: int) -> dict[int, tuple[float, float]]:
-    """Of each thread: how long it ran, and how long it was ready without a processor (s)."""
-    found = {}
-    for task in Path(f'/proc/{pid}/task').iterdir():
+def note(path: str) -> None:
+    """Let each reader of this process write its thread into a file."""
+    run = Reader._run
+
+    def noted(self: Reader) -> None:
+        with Path(path).open('a', encoding='ascii') as kept:
+            kept.write(f'{get_native_id()}\n')
+        run(self)
+
+    Reader._run = noted
+
+
+def watched(pid: int, threads: list[int], seconds: float) -> str:
+    """Watch threads of a process for a time (s); what they waited for, as a sentence."""
+    places = [Path(f'/proc/{pid}/task/{thread}') for thread in threads]
+    before, end, seen = _scheduled(places), time.monotonic() + seconds, []
+    while time.monotonic() < end:
+        for place in places:
+            with suppress(OSError):  # it has ended
+                seen.append((place / 'wchan').read_text('ascii'))
+        time.sleep(LOOK_S)
+    ran, ready = (_scheduled(places) - before) / max(len(places), 1) / seconds / NS
+    slept = [LOCK in where for where in seen if where not in ('', '0')]
+    parts = {}
+    if ran > 0:
+        parts = {'ran': ran, 'were ready without a processor': ready}
+    if slept:
+        parts['slept until a lock was free'] = sum(slept) / len(seen)
+        parts['slept until bytes came'] = slept.count(False) / len(seen)
+    told = ', '.join(f'{what} for {100 * share:.0f} %' for what, share in parts.items())
+    return f'the threads that read and answer, of the time: {told}' if told else UNTOLD
+
+
+def _scheduled(places: list[Path]) -> Array:
+    """Time (2,) (ns) that threads ran, and were ready without a processor."""
+    found = np.zeros(2)
+    for place in places:
         with suppress(OSError):  # it has ended meanwhile
-            ran, waited = (task / 'schedstat').read_text('ascii').split()[:2]
-            found[int(task.name)] = int(ran) / NS, int(waited) / NS
+            found += [int(part) for part in (place / 'schedstat').read_text('ascii').split()[:2]]
     return found
-
-
-def busiest(
-    before: dict[int, tuple[float, float]], after: dict[int, tuple[float, float]]
-) -> float:
-    """Time of waiting over time of running, of the thread that ran most; NaN: unknown."""
-    ran = {task: one[0] - before.get(task, (0.0, 0.0))[0] for task, one in after.items()}
-    most = max(ran, key=ran.__getitem__, default=-1)
-    if most < 0 or not ran[most] > 0:
-        return float('nan')
-    return (after[most][1] - before.get(most, (0.0, 0.0))[1]) / ran[most]
-
-
-def processor_seconds(pid: int) -> float:
-    """User and system time of a process so far (s)."""
-    fields = Path(f'/proc/{pid}/stat').read_text('ascii').rsplit(')', 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')

@@ -1,15 +1,20 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Models of the multipole skin's field, at rest and pressed, and the one that its noise needs."""
+"""Models of fields that benches and tests compare: dipoles for a disc, carpets for a sheet.
+
+A pressed sheet is carried by a bonded layer under a flat punch, which is solved exactly, or by
+simpler mechanics.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.interpolate import CubicSpline, RegularGridInterpolator
+from scipy.special import j0, j1
 
-from benchmarks.worlds.flat_punch import FlatPunch
 from tactile_ros.physics.elastomer import Layer, wave_numbers
 from tactile_ros.physics.fidelity import (
     BLOCK_COST,
@@ -21,16 +26,17 @@ from tactile_ros.physics.fidelity import (
     region,
 )
 from tactile_ros.physics.magnet_sheet import Sheet, carpet
-from tactile_ros.physics.magnetics import dipole_field, in_chip_axes
+from tactile_ros.physics.magnetics import (
+    Disc,
+    dipole_field,
+    in_chip_axes,
+    magnet_moment,
+    on_pixels,
+)
+from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
+from tactile_ros.types import Array, Bools
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from scipy.interpolate import CubicSpline
-
-    from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
-    from tactile_ros.types import Array, Bools
-
+RINGS = ((1, 1, 1), (2, 1, 4), (2, 2, 5), (3, 2, 6), (3, 4, 8), (4, 5, 12))
 RADIUS, DEEPEST, FARTHEST = 6e-3, 0.6e-3, 10e-3
 PLAY = 0.5e-3  # m, of the sheet at rest, to any side
 LEVELS = 2
@@ -44,24 +50,41 @@ MARGIN = 1.5  # of the sheet, that a map of the layer is wide
 DEEP = 10.0  # thicknesses of a layer that stands for a half-space
 HARMONICS = (1, 2, 4)
 ROUNDING = 1e-12  # m
+NODES = 400  # of the punch's density, which waves that are felt do not outrun
+UNFELT = 36.0  # wave number times depth, beyond which nothing is felt
+POINTS = 5  # Gauss points in half a wave
+SPACING = 1e-4  # m, of the table over the distance from the axis
 
 
-def sheet_of(config: MultipoleSkinConfig) -> Sheet:
-    """The magnetised sheet at rest."""
-    low = float(config.positions[:, 2].mean()) + config.gap
-    even = np.full(2, config.remanence)
-    return Sheet(
-        np.asarray(config.sheet_size), low, config.sheet_thickness, config.pole_pitch,
-        config.magnetisation, even,
-    )  # fmt: skip
+def disc_dipoles(
+    diameter: float, height: float, rings: tuple[int, int, int]
+) -> tuple[Array, Array]:
+    """Dipoles on rings that stand for a disc: places (m, 3) (m) and shares (m,) of its moment.
+
+    Rings stand at Gauss points of the height and of the square of the radius. `rings`: levels of
+    the height, rings on each, dipoles on a ring; (1, 1, 1): one at the centre.
+    """
+    levels, count, around = rings
+    z, wz = np.polynomial.legendre.leggauss(levels)
+    square, wr = np.polynomial.legendre.leggauss(count)
+    radius = np.sqrt((square + 1) / 2) * (diameter / 2 if around > 1 else 0.0)
+    # rings are turned against each other, lest they share their corners
+    turn = 2 * np.pi * (np.arange(around) + 0.5 * np.arange(levels * count)[:, None]) / around
+    tall, wide = np.repeat(z * height / 2, count)[:, None], np.tile(radius, levels)[:, None]
+    places = np.stack([wide * np.cos(turn), wide * np.sin(turn), tall + 0 * turn], axis=-1)
+    weight = np.repeat(wz, count) * np.tile(wr, levels) / 4
+    return places.reshape(-1, 3), np.repeat(weight / around, around)
 
 
-def displacement(layer: Layer, pressure: Array, pitch: float, z: float) -> Array:
-    """Displacement (ny, nx, 3) (m) at a height under a pressure (ny, nx) (Pa), periodic."""
-    ky, kx = wave_numbers(pressure.shape, pitch)
-    spectrum = layer.waves(np.array([z]), ky, kx)[:3, 0] * np.fft.rfft2(pressure)
-    moved = np.fft.irfft2(spectrum, pressure.shape, axes=(1, 2))
-    return np.stack([moved[1], moved[0], moved[2]], axis=-1)
+def dipole_disc(pixels: Array, disc: Disc, rings: tuple[int, int, int]) -> Model:
+    """Disc as some dipoles at pixels (t, 3)."""
+    diameter, height, remanence = disc
+    places, shares = disc_dipoles(diameter, height, rings)
+    moment = magnet_moment(remanence, float(np.pi / 4 * diameter**2 * height))
+    moments = moment * shares[:, None] * np.array([0.0, 0.0, 1.0])
+    readings = on_pixels(pixels, lambda own: dipole_field(own, places, moments))
+    name = f'{len(places)} dipoles' if len(places) > 1 else 'dipole'
+    return Model(name, readings, DIPOLE_COST * len(places) * len(pixels), size=rings)
 
 
 def all_rated(models: list[Model], exact: Model, states: Array, noise: float) -> Choice:
@@ -72,141 +95,39 @@ def all_rated(models: list[Model], exact: Model, states: Array, noise: float) ->
     return replace(choose(models, exact, states, noise), rated=rated)
 
 
+def sheet_of(config: MultipoleSkinConfig) -> Sheet:
+    """The magnetised sheet at rest."""
+    low = float(config.positions[:, 2].mean()) + config.gap
+    return Sheet(
+        np.asarray(config.sheet_size), low, config.sheet_thickness, config.pole_pitch,
+        config.magnetisation, np.full(2, config.remanence),
+    )  # fmt: skip
+
+
 def rest_model(config: MultipoleSkinConfig, noise: float) -> tuple[Choice, list[Model]]:
     """Choice for the sheet at rest, which may sit off its place, and all models."""
     chips, sheet = config.positions, sheet_of(config)
-    count = len(chips)
 
-    def shifted(field: Callable[[Array], Array]) -> Callable[[Array], Array]:
-        return lambda states: field(chips - states[:, None])
+    def model(name: str, field: Callable[[Array], Array], cost: float, size: int = 0) -> Model:
+        return Model(
+            name, lambda states: field(chips - states[:, None]), cost * len(chips),
+            size=(size,) if size else (),
+        )  # fmt: skip
 
     def dipoles(pitch: float, levels: int) -> Model:
         places, moments = carpet(sheet, pitch, levels)
-        return Model(
-            f'{len(places)} dipoles',
-            shifted(lambda at: dipole_field(at, places, moments)),
-            DIPOLE_COST * len(places) * count,
-            size=(len(places),),
-        )
+        count = len(places)
+        return model(f'{count} dipoles', lambda at: dipole_field(at, places, moments),
+                     DIPOLE_COST * count, count)  # fmt: skip
 
-    blocks = len(sheet.bands)
-    exact = Model('exact bands', shifted(sheet.field), BLOCK_COST * blocks * count)
+    exact = model('exact bands', sheet.field, BLOCK_COST * len(sheet.bands))
     models = [dipoles(5e-3, 1), dipoles(2.5e-3, 1), dipoles(2.5e-3, 2), dipoles(1.25e-3, 2)]
-    if config.magnetisation == 'M4':
-        models += [
-            Model(
-                f'{n} harmonics',
-                shifted(lambda at, n=n: harmonics(sheet, at, n)),  # type: ignore[misc]
-                40.0 * n * count,
-                size=(n,),
-            )
-            for n in HARMONICS
-        ]
+    models += [
+        model(f'{n} harmonics', lambda at, n=n: harmonics(sheet, at, n), 40.0 * n, n)
+        for n in HARMONICS
+    ]
     states = region(-PLAY * np.ones(3), PLAY * np.ones(3), 4)
     return all_rated(models, exact, states, noise), [*models, exact]
-
-
-class PressedSheet:
-    """Change of the readings by a round head, on squares of one pitch.
-
-    Parameters
-    ----------
-    config : MultipoleSkinConfig
-        Of the skin.
-    pitch : float
-        Of the carpet and of the map of the layer (m).
-    law : str
-        'bonded', 'half-space', 'springs', or 'even' for a bonded layer under even pressure.
-    points, levels : int
-        Gauss points along each side of a square, and over the thickness.
-    """
-
-    def __init__(
-        self, config: MultipoleSkinConfig, pitch: float, law: str = 'bonded', points: int = 1,
-        levels: int = LEVELS,
-    ) -> None:  # fmt: skip
-        self.config, self.law, self.pitch = config, law, pitch
-        self.body = config.layer_thickness + config.sheet_thickness
-        deep = DEEP if law == 'half-space' else 1.0
-        shear = config.youngs_modulus / (2 * (1 + config.poisson_ratio))
-        self.layer = Layer(deep * self.body, shear, config.poisson_ratio)
-        sheet = sheet_of(config)
-        self.places, self.moments = carpet(sheet, pitch, levels, points)
-        count = 2 * int(np.ceil(MARGIN * sheet.size.max() / pitch / 2)) + 1
-        line = pitch * (np.arange(count) - count // 2)
-        self.line, self.levels = line, np.unique(self.places[:, 2])
-        self.rest = dipole_field(config.positions, self.places, self.moments)
-
-    def readings(self, states: Array) -> Array:
-        """Changes (s, n) (T) of heads at x, y, sunk by a depth: states (s, 3) (m)."""
-        return np.stack([self.change(*state) for state in states])
-
-    def change(self, x: float, y: float, depth: float) -> Array:
-        """Change (n,) (T) of one head."""
-        moved = self.movement(x, y, depth)
-        field = dipole_field(self.config.positions, self.places + moved, self.moments)
-        return in_chip_axes(field - self.rest, self.config.rotations).reshape(-1)
-
-    def movement(self, x: float, y: float, depth: float) -> Array:
-        """Displacement (g, 3) (m) of the dipoles."""
-        if self.law == 'bonded':
-            return self._exact(x, y, depth)
-        # the map is centred on the head, so that its squares cover it alike everywhere
-        covered = np.hypot(*np.meshgrid(self.line, self.line)) <= RADIUS
-        pressure = self._pressure(covered, depth)
-        moved = np.zeros_like(self.places)
-        for level in self.levels:
-            here = np.isclose(self.places[:, 2], level)
-            shift = self._map(pressure, self.layer.thickness - self._below(float(level)))
-            moved[here] = self._between(shift, self.places[here, :2] - np.array([x, y]))
-        return moved
-
-    def _below(self, level: float) -> float:
-        """Depth of a level of dipoles below the surface (m)."""
-        top = float(self.levels.mean()) + self.config.sheet_thickness / 2
-        return round(top - level, 12)
-
-    def _exact(self, x: float, y: float, depth: float) -> Array:
-        """The same under a rigid head on the bonded layer."""
-        apart = self.places[:, :2] - np.array([x, y])
-        distance = np.hypot(*apart.T)
-        farthest = float(np.hypot(*self.config.sheet_size) / 2 + np.sqrt(2) * FARTHEST)
-        moved = np.empty_like(self.places)
-        for level in self.levels:
-            here = np.isclose(self.places[:, 2], level)
-            away, up = _punched(self.layer, farthest, self._below(float(level)))(distance[here]).T
-            side = apart[here] / np.maximum(distance[here], ROUNDING)[:, None]
-            moved[here] = depth * np.column_stack([side * away[:, None], up])
-        return moved
-
-    def _pressure(self, covered: Bools, depth: float) -> Array:
-        """Pressure of a head on squares (ny, nx) (Pa); for springs how deep they sink (m)."""
-        if self.law == 'half-space':
-            return self.layer.punch(covered, self.pitch, depth)
-        even = np.asarray(depth * covered, np.float64)
-        if self.law == 'springs':
-            return even
-        sunk = displacement(self.layer, even, self.pitch, self.layer.thickness)
-        return np.asarray(-depth / sunk[covered][:, 2].mean() * even)
-
-    def _map(self, pressure: Array, z: float) -> Array:
-        """Displacement (ny, nx, 3) at a height (m) over the base."""
-        if self.law == 'springs':
-            return np.asarray(-pressure[..., None] * np.array([0.0, 0.0, z / self.body]))
-        return displacement(self.layer, pressure, self.pitch, z)
-
-    def _between(self, shift: Array, at: Array) -> Array:
-        """A map (ny, nx, 3) at places (g, 2) from its middle, linear between squares."""
-        last = len(self.line) - 1
-        position = np.clip(at / self.pitch + len(self.line) // 2, 0, last - 1e-9)
-        first = np.floor(position).astype(np.int64)
-        u = position - first
-        found = np.zeros((len(at), 3))
-        for a in (0, 1):
-            for b in (0, 1):
-                weight = (u[:, 0] if a else 1 - u[:, 0]) * (u[:, 1] if b else 1 - u[:, 1])
-                found += weight[:, None] * shift[first[:, 1] + b, first[:, 0] + a]
-        return found
 
 
 def harmonics(sheet: Sheet, points: Array, count: int) -> Array:
@@ -227,10 +148,135 @@ def harmonics(sheet: Sheet, points: Array, count: int) -> Array:
     return field
 
 
+class FlatPunch:
+    """Movement of a bonded layer under a round smooth flat head, for each metre that it sinks.
+
+    Its pressure has a root at the edge that no map of squares follows. As cosines of an even
+    density over the radius it is finite everywhere, and the layer adds a smooth integral equation
+    to the half-space's (Sneddon, Fourier Transforms, 1951; Lebedev and Ufliand, PMM 22, 1958).
+    Movements are asked for up to `farthest` from its axis (m).
+    """
+
+    def __init__(self, layer: Layer, radius: float, farthest: float) -> None:
+        self.layer, self.radius, self.farthest = layer, radius, farthest
+        wave, weight = _panels(UNFELT / layer.thickness, np.pi / radius)
+        sinks = -layer.pressed(wave, np.array([layer.thickness]))[1][:, 0]
+        soft = (1 - layer.poisson_ratio) / layer.shear_modulus
+        node, share = np.polynomial.legendre.leggauss(NODES)
+        self._at, share = radius * (1 + node) / 2, radius * share / 2
+        cosine = np.cos(np.outer(self._at, wave))
+        kernel = (cosine * ((sinks * wave / soft - 1) * weight)) @ cosine.T
+        matrix = np.eye(NODES) + 2 / np.pi * kernel * share
+        density = np.linalg.solve(matrix, np.full(NODES, 2 / np.pi))
+        self._density = density * share / soft
+
+    def pressure(self, wave: Array) -> Array:
+        """Hankel transform (n,) of the pressure at wave numbers (n,) (Pa m2 / m)."""
+        return np.asarray(np.cos(np.outer(wave, self._at)) @ self._density)
+
+    def movement(self, depth: float) -> CubicSpline:
+        """Movement (..., 2) away and up over distances (...) from the axis, at a depth (m)."""
+        distance = np.arange(0.0, self.farthest + 2 * SPACING, SPACING)
+        wave, weight = _panels(UNFELT / depth, np.pi / (self.farthest + self.radius))
+        across, up = self.layer.pressed(wave, np.array([self.layer.thickness - depth]))
+        load = self.pressure(wave) * wave * weight
+        phase = np.outer(distance, wave)
+        moved = np.stack([-j1(phase) @ (load * across[:, 0]), j0(phase) @ (load * up[:, 0])], 1)
+        return CubicSpline(distance, moved)
+
+
+def _panels(end: float, width: float) -> tuple[Array, Array]:
+    """Gauss points and weights of panels about as wide as `width`, from 0 to an end."""
+    count = int(np.ceil(end / width))
+    node, weight = np.polynomial.legendre.leggauss(POINTS)
+    start = np.arange(count)[:, None] + (1 + node) / 2
+    return (start * end / count).ravel(), np.tile(weight * end / count / 2, count)
+
+
 @lru_cache
 def _punched(layer: Layer, farthest: float, below: float) -> CubicSpline:
     """Movement at a depth (m) under the head, over the distance from its axis."""
     return FlatPunch(layer, RADIUS, farthest).movement(below)
+
+
+class PressedSheet:
+    """Change of the readings by a round head, on squares of one pitch (m).
+
+    `law`: 'bonded', 'half-space', 'springs', or 'even' for a bonded layer under even pressure;
+    `points`, `levels`: Gauss points along each side of a square, and over the thickness.
+    """
+
+    def __init__(
+        self, config: MultipoleSkinConfig, pitch: float, law: str = 'bonded', points: int = 1,
+        levels: int = LEVELS,
+    ) -> None:  # fmt: skip
+        self.config, self.law, self.pitch = config, law, pitch
+        self.body = config.layer_thickness + config.sheet_thickness
+        deep = DEEP if law == 'half-space' else 1.0
+        shear = config.youngs_modulus / (2 * (1 + config.poisson_ratio))
+        self.layer = Layer(deep * self.body, shear, config.poisson_ratio)
+        sheet = sheet_of(config)
+        self.places, self.moments = carpet(sheet, pitch, levels, points)
+        count = 2 * int(np.ceil(MARGIN * sheet.size.max() / pitch / 2)) + 1
+        self.line = pitch * (np.arange(count) - count // 2)
+        self.levels = np.unique(self.places[:, 2])
+        self.rest = dipole_field(config.positions, self.places, self.moments)
+
+    def readings(self, states: Array) -> Array:
+        """Changes (s, n) (T) of heads at x, y, sunk by a depth: states (s, 3) (m)."""
+        return np.stack([self.change(*state) for state in states])
+
+    def change(self, x: float, y: float, depth: float) -> Array:
+        """Change (n,) (T) of one head."""
+        moved = self.movement(x, y, depth)
+        field = dipole_field(self.config.positions, self.places + moved, self.moments)
+        return in_chip_axes(field - self.rest, self.config.rotations).reshape(-1)
+
+    def movement(self, x: float, y: float, depth: float) -> Array:
+        """Displacement (g, 3) (m) of the dipoles."""
+        apart = self.places[:, :2] - np.array([x, y])
+        top = float(self.levels.mean()) + self.config.sheet_thickness / 2
+        # the map is centred on the head, so that its squares cover it alike everywhere
+        covered = np.hypot(*np.meshgrid(self.line, self.line)) <= RADIUS
+        pressure = None if self.law == 'bonded' else self._pressure(covered, depth)
+        moved = np.empty_like(self.places)
+        for level in self.levels:
+            here = np.isclose(self.places[:, 2], level)
+            below = round(top - float(level), 12)
+            if pressure is None:
+                moved[here] = depth * self._under_punch(apart[here], below)
+            else:
+                shift = self._map(pressure, self.layer.thickness - below)
+                near = np.clip(apart[here], self.line[0], self.line[-1])
+                moved[here] = RegularGridInterpolator((self.line, self.line), shift)(near[:, ::-1])
+        return moved
+
+    def _under_punch(self, apart: Array, below: float) -> Array:
+        """Movement (g, 3) of places (g, 2) about a rigid head, for each metre that it sinks."""
+        distance = np.hypot(*apart.T)
+        farthest = float(np.hypot(*self.config.sheet_size) / 2 + np.sqrt(2) * FARTHEST)
+        away, up = _punched(self.layer, farthest, below)(distance).T
+        side = apart / np.maximum(distance, ROUNDING)[:, None]
+        return np.column_stack([side * away[:, None], up])
+
+    def _pressure(self, covered: Bools, depth: float) -> Array:
+        """Pressure of a head on squares (ny, nx) (Pa); for springs how deep they sink (m)."""
+        if self.law == 'half-space':
+            return self.layer.punch(covered, self.pitch, depth)
+        even = np.asarray(depth * covered, np.float64)
+        if self.law == 'springs':
+            return even
+        sunk = self._map(even, self.layer.thickness)
+        return np.asarray(-depth / sunk[covered][:, 2].mean() * even)
+
+    def _map(self, pressure: Array, z: float) -> Array:
+        """Displacement (ny, nx, 3) at a height (m) over the base, periodic."""
+        if self.law == 'springs':
+            return np.asarray(-pressure[..., None] * np.array([0.0, 0.0, z / self.body]))
+        ky, kx = wave_numbers(pressure.shape, self.pitch)
+        spectrum = self.layer.waves(np.array([z]), ky, kx)[:3, 0] * np.fft.rfft2(pressure)
+        moved = np.fft.irfft2(spectrum, pressure.shape, axes=(1, 2))
+        return np.stack([moved[1], moved[0], moved[2]], axis=-1)
 
 
 def pressed_model(

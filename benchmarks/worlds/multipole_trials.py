@@ -7,21 +7,16 @@ A task takes some classes at one place: a few presses of each are known, the oth
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
+from reference import multipole_world as world
 from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.estimators.prototypes import Prototypes
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from types import ModuleType
-
-    import numpy.typing as npt
-
-    from tactile_ros.types import Array, Integers, Outline
+from tactile_ros.types import Array, Integers, Outline
 
 SKIN = 100  # seed of the skin that the networks are trained on
 DEPTH = (0.3e-3, 0.9e-3)  # m
@@ -53,65 +48,40 @@ class Samples:
         return Samples(*(getattr(self, name)[chosen] for name in names))
 
 
-def world_module() -> ModuleType:
-    """The world, which needs the sources."""
-    from reference import multipole_world
-
-    return multipole_world
-
-
 def collection(
-    skin: object, heads: Sequence[Outline], places: Array, seed: int,
+    skin: world.World, heads: Sequence[Outline], places: Array, seed: int,
     samples: int = SAMPLES, turns: Sequence[float] = (0.0,), returns: bool = False,
 ) -> Samples:  # fmt: skip
-    """Data collection of [1]: every head at every place and turn, some presses each.
+    """Data collection of [1]: heads at places (p, 2) (m) and turns (rad), some presses of each.
 
-    Parameters
-    ----------
-    skin : World
-        That is pressed.
-    heads : sequence of Outline
-        With one turn, the classes; with more, the turns are the classes.
-    places : ndarray, shape (p, 2)
-        m.
-    seed : int
-        Of depths, speeds, drift and noise.
-    samples : int
-        Presses of a head at a place and turn.
-    turns : sequence of float
-        rad.
-    returns : bool
-        Each press is a little aside of the one before, as a stage comes back.
+    With more than one turn, the turns are the classes. `seed` is of depths, speeds, drift and
+    noise; `returns`: each press is a little aside of the one before, as a stage comes back.
     """
     rng = np.random.default_rng([17, seed])
-    world = world_module()
     windows, what = [], []
     for i, head in enumerate(heads):
         for j, place in enumerate(places):
             for k, turn in enumerate(turns):
-                terms = None if returns else _terms(skin, world, head, place, turn)
+                terms = None if returns else _terms(skin, head, place, turn)
                 for _ in range(samples):
                     if returns:
                         at = place + RETURNS[0] * rng.normal(size=2)
-                        terms = _terms(skin, world, head, at, turn + RETURNS[1] * rng.normal())
-                    assert terms is not None
-                    windows.append(_window(skin, world, terms, rng))
+                        terms = _terms(skin, head, at, turn + RETURNS[1] * rng.normal())
+                    windows.append(_window(skin, terms, rng))
                     what.append((i if len(turns) == 1 else k, j, i))
-    label, where, source = np.array(what).T
-    return Samples(np.array(windows, np.float32), label, where, source)
+    return Samples(np.array(windows, np.float32), *np.array(what).T)
 
 
-def _terms(skin: object, world: ModuleType, head: Outline, place: Array, turn: float) -> Array:
+def _terms(skin: world.World, head: Outline, place: Array, turn: float) -> Array:
     """Change of readings (4, d) for the powers 1 to 4 of the depth over the largest one."""
-    change, _ = skin.changes(head, place, turn, DEPTH[1])  # type: ignore[attr-defined]
+    change, _ = skin.changes(head, place, turn, DEPTH[1])
     powers = np.vander(world.STORED[1:], 5, increasing=True)[:, 1:]
-    read = skin._read(change[1:])  # type: ignore[attr-defined]
-    return np.asarray(np.linalg.solve(powers, read.reshape(4, -1)))
+    return np.asarray(np.linalg.solve(powers, skin._read(change[1:]).reshape(4, -1)))
 
 
-def _window(skin: object, world: ModuleType, terms: Array, rng: np.random.Generator) -> Array:
+def _window(skin: world.World, terms: Array, rng: np.random.Generator) -> Array:
     """One window less its tare."""
-    flaws = skin.flaws  # type: ignore[attr-defined]
+    flaws = skin.flaws
     part = world.ramp(rng, rng.uniform(*DEPTH)) / DEPTH[1]
     found = part[:, None] ** np.arange(1, 5) @ terms
     tare = flaws.noise * rng.normal(size=found.shape[1]) / np.sqrt(world.TARE)
@@ -171,22 +141,3 @@ def neighbours(known: Samples, asked: Samples, features: Callable[[Samples], Arr
 def plain(samples: Samples) -> Array:
     """Whole windows as features (n, w d)."""
     return np.asarray(samples.windows.reshape(len(samples.windows), -1), np.float64)
-
-
-def reliability(chance: Array, right: npt.NDArray[np.bool_]) -> dict[str, float]:
-    """What presses (n,) were named with, and how many of them rightly, in percent by bins.
-
-    Parameters
-    ----------
-    chance : ndarray, shape (n,)
-        Stated probability; NaN: named nothing.
-    right : ndarray, shape (n,)
-        Whether the name was right.
-    """
-    found = {}
-    for low, high in ((0, 70), (70, 90), (90, 101)):
-        rows = (100 * chance >= low) & (100 * chance < high)
-        if rows.any():
-            found[f'stated {low}'] = 100 * float(chance[rows].mean())
-            found[f'right {low}'] = 100 * float(right[rows].mean())
-    return found

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parents[1] / 'benchmarks' / 'worlds'))
+sys.path[:0] = [str(HERE.parents[1]), str(HERE.parents[1] / 'test')]
 
-import multipole_presses as presses  # noqa: E402
+from benchmarks.multipole_skin import SENSOR, Trials  # noqa: E402
 
 STYLE = 'font-family="sans-serif" font-size="11" fill="#333"'
 DEPTH = 0.6e-3
@@ -21,8 +21,8 @@ RED, BLUE = '#b2182b', '#2166ac'
 
 def templates() -> str:
     """Changes of field of nine heads at one place, chip by chip."""
-    trials = presses.Trials(presses.world_module(), 1)
-    recogniser = presses.SENSOR.pipeline(trials.config).fit(trials.one).estimation.recogniser_
+    trials = Trials(1)
+    recogniser = SENSOR.pipeline(trials.config).fit(trials.one).estimation.recogniser_
     bank = recogniser.search.bank
     parts = bank.at(np.arange(9), np.tile(PLACE, (9, 1)))[:, 0]
     fields = np.tensordot(DEPTH ** np.arange(1, 4), parts, axes=(0, 1)).reshape(9, -1, 3)
@@ -50,10 +50,10 @@ def templates() -> str:
 
 def confusion() -> str:
     """Heads named against heads that pressed, at new places after 20 presses of one head."""
-    trials = presses.Trials(presses.world_module(), 1)
+    trials = Trials(1)
     labels = np.arange(108) % 9
     test = trials.random(labels, trials.config)
-    states = presses.SENSOR.pipeline(trials.config).fit(trials.one).process_batch(test)
+    states = SENSOR.pipeline(trials.config).fit(trials.one).process_batch(test)
     named = states.label[trials.ends(test)]
     names = [head.name for head in trials.heads]
     drawn = []

@@ -113,7 +113,7 @@ def run(options: argparse.Namespace) -> int:
     say = partial(_say, time.perf_counter())
     with results(output, overwrite=options.overwrite) as made:
         if options.what == 'grasp':
-            grasps = bench.load('worlds.grasp_demo', '`tactile demo grasp`')
+            grasps = bench.load('worlds.grasp_scenes', '`tactile demo grasp`')
             return int(grasps.run_grasps(output, options.seed, options.json))
         if spec.key == SENSOR:
             result = run_recordings(made, options.seed, say)

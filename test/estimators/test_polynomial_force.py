@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.worlds.huber_polynomial import HuberPolynomial
+from benchmarks.gradiometer import HuberPolynomial
 from tactile_ros.estimators.polynomial_force import (
     PolynomialForce,
     ThermalPolynomial,

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.worlds.flat_punch import FlatPunch
+from benchmarks.worlds.multipole_fidelity import FlatPunch
 from reference import multipole_world as world
 from tactile_ros.physics.elastomer import (
     DISC,

@@ -6,8 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.worlds.disc_dipoles import RINGS, dipole_disc, disc_dipoles
-from benchmarks.worlds.multipole_fidelity import all_rated
+from benchmarks.worlds.multipole_fidelity import RINGS, all_rated, dipole_disc, disc_dipoles
 from tactile_ros.physics.fidelity import SHARE, Model, Term, choose, rate, region, term_gains
 from tactile_ros.physics.field_table import SHAPES, table_disc_model, table_reach
 from tactile_ros.physics.magnetics import exact_disc

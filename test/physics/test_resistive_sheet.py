@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.worlds.sheet_solver import OutlineMesh, sheet_potential
+from reference.sheet_solver import OutlineMesh, sheet_potential
 from tactile_ros.physics.resistive_sheet import (
     SeriesResistance,
     linear_place,

@@ -3,13 +3,9 @@
 
 from __future__ import annotations
 
-import dataclasses
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
-from benchmarks.worlds import taxel_picks
 from reference import pick_world
 from reference.pick_world import Gripper, TaxelScene, TaxelSkin, even_loads
 from tactile_ros.sensors import load_sensor
@@ -65,19 +61,3 @@ def test_points_stand_for_the_areas_of_their_taxels(build: object, taxels: int) 
     for axis in (0, 1):
         centre = np.bincount(scene.owner, scene.part * scene.points[:, axis], taxels) / area
         np.testing.assert_allclose(centre, config.positions[:, axis], atol=1.5e-4)
-
-
-@pytest.mark.parametrize(('bends', 'told'), [((90.0, 135.0), 100.0), ((90.0, 90.02), 50.0)])
-def test_bound_of_tubes_is_certainty_or_a_coin(bends: tuple[float, float], told: float) -> None:
-    """Of four tubes that lie somewhere, by the noise of the taxels alone."""
-    config = dataclasses.replace(pick_world.suction_cup(), objects=pick_world.tubes(bends))
-    scene, rng = TaxelScene(config), np.random.default_rng(5)
-    skin = TaxelSkin.drawn(16, 8.0, rng)
-    poses = np.column_stack([rng.uniform(-2e-3, 2e-3, (4, 2)), rng.uniform(-np.pi, np.pi, 4)])
-    picks = [
-        SimpleNamespace(part=i % 2, pose=p, loads=scene.loads(config.objects[i % 2], p, 20.0))
-        for i, p in enumerate(poses)
-    ]
-    gripper = SimpleNamespace(config=config, scene=scene, skin=skin)
-    found = taxel_picks._limit([gripper], [picks])  # type: ignore[list-item]
-    assert found == pytest.approx(told, abs=4.0 * (told < 100.0) + 1e-6)

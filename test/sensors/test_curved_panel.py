@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import LinearNDInterpolator
 
-from benchmarks.worlds.sheet_solver import OutlineMesh
 from reference import five_wire_world as grids
+from reference.sheet_solver import OutlineMesh
 from tactile_ros.estimators.potential_map import PotentialMap
 from tactile_ros.physics import coverage
 from tactile_ros.physics.resistive_sheet import rolled, unrolled

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from benchmarks.worlds import taxel_trust
+from benchmarks.worlds import taxel_skins
 from reference import taxel_world as world
 from reference.pick_world import TaxelScene, TaxelSkin, even_loads, turn_between
 from tactile_ros.enrolment import thinned
@@ -663,7 +663,7 @@ def test_ring_tells_no_radius_and_its_sigma_says_so() -> None:
 
 
 def test_no_component_is_surer_of_itself_than_it_may_be_and_sigmas_are_no_excuse() -> None:
-    for name, (error, sigma) in taxel_trust.gathered(20).items():
+    for name, (error, sigma) in taxel_skins.gathered(20).items():
         assert len(error) > 40
         assert (sigma > 0).all()
         thirds = np.array_split(np.argsort(sigma, kind='stable'), 3)

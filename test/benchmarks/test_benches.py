@@ -1,0 +1,122 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
+"""Parts of benches by themselves: seeds in time, the neighbours of [2], drivers' speed, plots."""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ET
+from collections import Counter
+from itertools import count
+
+import numpy as np
+import pytest
+
+from benchmarks.harness import plots
+from benchmarks.harness.driver_speed import bus_rows, decoding_rows, memory_rows
+from benchmarks.harness.live import resident_kib
+from benchmarks.harness.rows import within
+from benchmarks.magnet_pad import CellKnn
+from benchmarks.worlds import grip_faults
+from reference import pick_world
+
+
+@pytest.mark.parametrize(
+    ('seconds', 'taken'), [(0.0, 1), (9.9, 1), (10.1, 2), (29.9, 5), (30.1, 6), (np.inf, 8)]
+)
+def test_as_many_are_taken_as_end_in_time(seconds: float, taken: int) -> None:
+    clock = count(0.0, 5.0)  # asked once at the start and before each but the first
+    assert list(within(seconds, range(8), clock.__next__)) == list(range(taken))
+    assert list(within(seconds, [])) == []
+
+
+def slow_vote(samples: np.ndarray, cells: np.ndarray, x: np.ndarray, k: int, power: float) -> int:
+    """Every distance, sorted; then votes, distances and numbers, one after the other."""
+    far = np.linalg.norm(samples - x, ord=power, axis=1)
+    near = [(far[i], int(cells[i])) for i in np.argsort(far)[:k]]
+    votes = Counter(cell for _, cell in near)
+    reach = {cell: sum(d for d, c in near if c == cell) for cell in votes}
+    return min(votes, key=lambda cell: (-votes[cell], reach[cell], cell))
+
+
+@pytest.mark.parametrize('k', [1, 2, 5, 10])
+@pytest.mark.parametrize('power', [1.0, 2.0, np.inf])
+def test_neighbours_are_the_slow_vote(k: int, power: float) -> None:
+    rng = np.random.default_rng(k)
+    samples, x = 40e-3 + 3e-6 * rng.normal(size=(300, 6)), 40e-3 + 3e-6 * rng.normal(size=(60, 6))
+    cells = rng.integers(0, 5, 300)
+    said = CellKnn(k, power).fit(samples, cells).predict(x)
+    assert said.tolist() == [slow_vote(samples, cells, row, k, power) for row in x]
+
+
+def test_neighbours_with_as_many_votes_are_told_apart_by_distance_then_number() -> None:
+    knn = CellKnn(2).fit(np.array([[0.0], [2.0]]), np.array([9, 3]))
+    assert knn.predict(np.array([[1.0], [0.9]])).tolist() == [3, 9]
+
+
+def test_twenty_chips_use_the_bus() -> None:
+    rows = bus_rows()
+    assert len(rows) == 8
+    assert all(row.held is not False for row in rows)
+    assert all(row.ours <= 1.001 * row.bound for row in rows if row.bound is not None)
+
+
+def test_codecs_are_timed_alone_and_among_many_and_their_memory_is_watched() -> None:
+    rows = decoding_rows()
+    assert len(rows) == 4
+    assert all(0 < row.ours < 1e4 for row in rows)
+    assert sum(row.us_batch is not None for row in rows) == 3
+    assert all(row.unit == 'KiB' and row.ours < 4096 for row in memory_rows(20_000))
+    assert 1e3 < resident_kib(os.getpid()) < 1e8
+
+
+def paths(svg: str, kind: str) -> list[str]:
+    """Path data of a class."""
+    return [e.get('d', '') for e in ET.fromstring(svg).iter() if e.get('class') == kind]
+
+
+def test_maps_of_a_pad_are_drawn() -> None:
+    rng = np.random.default_rng(0)
+    cells = 1e-3 * np.array([[x, y, 5.0] for y in (-5, 5) for x in (-8, 0, 8)])
+    places = cells[rng.integers(0, 6, 300)] + 1e-3 * rng.normal(size=(300, 3))
+    share = plots.cell_map(cells, np.array([100.0, 91.0, 80.0, 50.0, 97.5, np.nan]), 'shares')
+    assert all(f'>{words}<' in share for words in ('100', '91', '-'))
+    error = plots.error_map(places, np.linalg.norm(rng.normal(size=(300, 3)), axis=1), 'errors')
+    lines = {'one': (np.arange(9.0), np.arange(9.0)), 'two': (np.arange(9.0), -np.arange(9.0))}
+    curves = plots.curves(lines, ('x', 'y'), 'curves')
+    assert len(paths(curves, 'line c0')) == len(paths(curves, 'line c1')) == 1
+    for text in (share, error):
+        assert ET.fromstring(text).tag.endswith('svg')
+        assert len(text) < 100_000
+
+
+@pytest.mark.parametrize(
+    'build', [pick_world.magnet_gripper, pick_world.suction_cup, pick_world.jaw]
+)
+def test_an_object_lies_over_its_taxels(build: object) -> None:
+    config = build()  # type: ignore[operator]
+    corners = plots.taxel_corners(config.positions, config.areas, config.taxel_outlines)
+    pressure = np.zeros(len(corners))
+    pressure[:3], pressure[3] = (1.0, 0.5, 0.1), np.nan
+    lines = plots.edges_of(config.objects[0])
+    found = plots.placed(lines, np.array([1e-3, 0.0, 0.3]))
+    svg = plots.object_map(corners, pressure, found, lines, 'a part')
+    assert len(paths(svg, 's4')) == 1
+    assert len(paths(svg, 's1')) == 1
+    few = len(corners) <= 500
+    assert len(paths(svg, 's0')) == (len(corners) - 3 if few else 0)
+    assert len(paths(svg, 'line c1')) == len(paths(svg, 'line ink')) == len(lines)
+    assert svg.count('>x<') == int(few)
+    assert len(svg) < 100 * 1024
+
+
+def test_faults_of_a_grasp_are_drawn_also_where_nothing_reacted_or_was_heard() -> None:
+    at, none = np.linspace(0.01, 0.5, 50), np.zeros(0)
+    suffered = [
+        grip_faults.Suffered(at, np.full(50, 2.0), 0.1),
+        grip_faults.Suffered(at, np.full(50, 2.0), np.nan),
+        grip_faults.Suffered(none, none, np.nan),
+    ]
+    text = grip_faults.drawn({'one': suffered, 'other': suffered[2:]})
+    ET.fromstring(text)
+    assert 'one: 3 faults' in text
+    assert text.count('fill c0') == 1 < text.count('line c0')
