@@ -7,18 +7,16 @@ virtual time; what moves the hand is the loop of grip_node with the parameters t
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from importlib.util import find_spec
 
 import numpy as np
 
 from benchmarks.harness.rows import BenchResult, Row
 from tactile_ros.control import GraspOutcome
-from tactile_ros.errors import MissingPackageError
-from tactile_ros.simulation.hand_world import load_engine
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from types import ModuleType
+if find_spec('mujoco'):
+    from reference import allegro_world as world
 
 SEEDS = {'quick': 1, 'normal': 5, 'full': 10}
 FRICTIONS, OBJECTS = (0.4, 0.7, 1.0), ('sphere', 'box', 'cylinder', 'soft', 'heavy')
@@ -29,14 +27,11 @@ NAMES = {'v4': 'V4, stock gains', 'sense': 'V5 Sense, stock gains', 'stiff': '3 
 
 def run(extent: str, command: str) -> BenchResult:
     """Measure everything; without MuJoCo nothing."""
-    try:
-        load_engine()
-    except MissingPackageError as error:
-        return BenchResult('hands', command, [], [], [f'Hands are left out: {error}.'], {})
-    from reference import allegro_world as world
-
+    if not find_spec('mujoco'):
+        note = 'Hands are left out: they need mujoco: pip install mujoco.'
+        return BenchResult('hands', command, [], [], [note])
     seeds = list(range(SEEDS[extent]))
-    rows = [*_reach_rows(world, seeds), *_object_rows(world, seeds), *_case_rows(world, seeds)]
+    rows = [*_reach_rows(seeds), *_object_rows(seeds), *_case_rows(seeds)]
     notes = [
         'Hands by their shipped files and parameters, 15 ms from command to drive, contacts and '
         'joint states at 100 Hz. Drives: gains and torque clips of the vendors, and 3 N m/rad '
@@ -46,27 +41,25 @@ def run(extent: str, command: str) -> BenchResult:
         'A goal that is refused, or that ends with the names of the fingers that are short, '
         'counts as said; one that neither holds nor says so does not.',
     ]
-    return BenchResult('hands', command, seeds, rows, notes, {})
+    return BenchResult('hands', command, seeds, rows, notes)
 
 
 def _row(what: str, unit: str, values: list[float], aim: float | None, better: str = 'low') -> Row:
     """Worst value of all seeds where less is better, their mean where more is."""
-    finite = [value for value in values if np.isfinite(value)]
-    ours = (max(values) if better == 'low' else float(np.mean(values))) if values else None
-    if ours is not None and not np.isfinite(ours):
-        ours = None
-    by_seed = tuple(finite) if len(finite) == len(values) else ()
-    return Row(what, unit, ours, 'high' if better == 'high' else 'low', aim=aim, by_seed=by_seed)
+    if not values or not np.isfinite(values).all():
+        return Row(what, unit, None, better, aim=aim)
+    ours = max(values) if better == 'low' else float(np.mean(values))
+    return Row(what, unit, ours, better, aim=aim, by_seed=tuple(values))
 
 
-def _reach_rows(module: ModuleType, seeds: list[int]) -> list[Row]:
+def _reach_rows(seeds: list[int]) -> list[Row]:
     """Touch, hold and error of each drive at 1 and 2 N."""
     rows = []
     for drive, name in NAMES.items():
         for force in (1.0, 2.0):
             touch, held, error, said = [], [], [], []
             for seed in seeds:
-                one = module.AllegroWorld(drive, 'box' if drive == 'stiff' else 'beam', seed=seed)
+                one = world.AllegroWorld(drive, 'box' if drive == 'stiff' else 'beam', seed=seed)
                 begins = one.time
                 ended = one.grasp(force, adapt=False)
                 good = ended.outcome == GraspOutcome.HELD
@@ -90,32 +83,32 @@ def _reach_rows(module: ModuleType, seeds: list[int]) -> list[Row]:
     return rows
 
 
-def _object_rows(module: ModuleType, seeds: list[int]) -> list[Row]:
+def _object_rows(seeds: list[int]) -> list[Row]:
     """Share of objects that stay in the hand through hand-over and pull."""
     rows = []
     for kind in OBJECTS:
         for friction in FRICTIONS:
             kept = []
             for seed in seeds:
-                one = _held(module, kind=kind, friction=friction, seed=seed)
+                one = _held(kind=kind, friction=friction, seed=seed)
                 if one is None:
                     kept.append(0.0)
                     continue
                 one.hand_over(PULL)
                 one.run(HOLDS)
-                kept.append(float(one.moved < module.DROPPED))
+                kept.append(float(one.moved < world.DROPPED))
             aim = 0.98 if kind != 'heavy' and friction > FRICTIONS[0] else None
             rows.append(_row(f'{kind}, friction {friction:g}: kept', '1', kept, aim, 'high'))
     return rows
 
 
-def _held(module: ModuleType, force: float = FORCE, **about: object) -> object | None:
+def _held(force: float = FORCE, **about: object) -> object | None:
     """A world with an object that is held; None: it is not."""
-    one = module.AllegroWorld(**about)
+    one = world.AllegroWorld(**about)
     return one if one.grasp(force).outcome == GraspOutcome.HELD else None
 
 
-def _case_rows(module: ModuleType, seeds: list[int]) -> list[Row]:
+def _case_rows(seeds: list[int]) -> list[Row]:
     """Starts, and sensors and joints that fail."""
     cases: dict[str, tuple[Callable[..., float], str, float, str]] = {
         'second goal, force kept': (_again, '1', 0.7, 'high'),
@@ -131,14 +124,14 @@ def _case_rows(module: ModuleType, seeds: list[int]) -> list[Row]:
         'index falls silent: time to its name': (_silent, 's', 0.5, 'low'),
     }
     return [
-        _row(what, unit, [case(module, seed) for seed in seeds], aim, better)
+        _row(what, unit, [case(seed) for seed in seeds], aim, better)
         for what, (case, unit, aim, better) in cases.items()
     ]
 
 
-def _kept(module: ModuleType, seed: int, event: Callable[[object], None]) -> float:
+def _kept(seed: int, event: Callable[[object], None]) -> float:
     """Least share of the thumb's force on a free sphere through an event and a new goal."""
-    one = _held(module, kind='sphere', seed=seed)
+    one = _held(kind='sphere', seed=seed)
     if one is None:
         return 0.0
     one.hand_over()
@@ -150,48 +143,48 @@ def _kept(module: ModuleType, seed: int, event: Callable[[object], None]) -> flo
     return float(min(f['thumb'] for at, f in one.trace if at > since) / max(before, 1e-3))
 
 
-def _again(module: ModuleType, seed: int) -> float:
-    return _kept(module, seed, lambda _: None)
+def _again(seed: int) -> float:
+    return _kept(seed, lambda _: None)
 
 
-def _enabled(module: ModuleType, seed: int) -> float:
+def _enabled(seed: int) -> float:
     def event(one: object) -> None:
         one.loop.disable()
         one.run(0.3)
         one.loop.enable()
         one.run(0.3)
 
-    return _kept(module, seed, event)
+    return _kept(seed, event)
 
 
-def _mute(module: ModuleType, seed: int) -> float:
+def _mute(seed: int) -> float:
     def event(one: object) -> None:
         one.mute = True
         one.run(1.5)
         one.mute = False
         one.run(0.5)
 
-    return _kept(module, seed, event)
+    return _kept(seed, event)
 
 
-def _restarted(module: ModuleType, seed: int) -> float:
+def _restarted(seed: int) -> float:
     def event(one: object) -> None:
         one.restart()
         one.run(0.5)
 
-    return _kept(module, seed, event)
+    return _kept(seed, event)
 
 
-def _tilted(module: ModuleType, seed: int) -> float:
-    one = _held(module, 2.0, tilt=np.deg2rad(35.0), seed=seed)
+def _tilted(seed: int) -> float:
+    one = _held(2.0, tilt=np.deg2rad(35.0), seed=seed)
     if one is None:
         return float('inf')
     one.run(8.0)
     return one.force['thumb'] / 2.0
 
 
-def _biased(module: ModuleType, seed: int) -> float:
-    one = module.AllegroWorld(seed=seed)
+def _biased(seed: int) -> float:
+    one = world.AllegroWorld(seed=seed)
     one.bias = dict.fromkeys(one.loop.fingers, 1.0)
     one.run(0.5)
     return float('tare' in one.grasp(2.0).message and max(one.force.values()) < TOUCHED)
@@ -201,16 +194,16 @@ def _peak(one: object, force: float) -> float:
     return max(max(forces.values()) for _, forces in one.trace) / force
 
 
-def _dead(module: ModuleType, seed: int) -> float:
-    one = module.AllegroWorld(seed=seed)
+def _dead(seed: int) -> float:
+    one = world.AllegroWorld(seed=seed)
     one.gain = {'thumb': 0.0}
     one.grasp(2.0)
     one.run(1.0)
     return _peak(one, 2.0)
 
 
-def _frozen(module: ModuleType, seed: int) -> float:
-    one = module.AllegroWorld(seed=seed)
+def _frozen(seed: int) -> float:
+    one = world.AllegroWorld(seed=seed)
     one.loop.grasp(2.0, (), 8.0, False)
     while one.force['thumb'] < 0.5 and one.time < 8.0:
         one.step()
@@ -219,26 +212,26 @@ def _frozen(module: ModuleType, seed: int) -> float:
     return _peak(one, 2.0)
 
 
-def _noisy(module: ModuleType, seed: int) -> float:
-    one = module.AllegroWorld(noise=0.1, seed=seed)
+def _noisy(seed: int) -> float:
+    one = world.AllegroWorld(noise=0.1, seed=seed)
     begins = one.time
     good = one.grasp(2.0).outcome == GraspOutcome.HELD
     return one.time - begins if good else float('inf')
 
 
-def _slippery(module: ModuleType, seed: int) -> float:
-    one = _held(module, friction=0.8, seed=seed)
+def _slippery(seed: int) -> float:
+    one = _held(friction=0.8, seed=seed)
     if one is None:
         return 0.0
     one.hand_over()
     one.run(2.0)
     one.slippery(0.3)
     one.run(3.0)
-    return float(one.moved < module.DROPPED)
+    return float(one.moved < world.DROPPED)
 
 
-def _silent(module: ModuleType, seed: int) -> float:
-    one = _held(module, seed=seed)
+def _silent(seed: int) -> float:
+    one = _held(seed=seed)
     if one is None:
         return float('inf')
     one.silent, since = {'index'}, one.time

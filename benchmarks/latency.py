@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.harness.live import QUIET, processor_s
 from benchmarks.harness.rows import BenchResult, Row
 from benchmarks.worlds import grip_rig
-from benchmarks.worlds.grip_rig import Heard, Helper, Scene
+from benchmarks.worlds.grip_rig import Helper, Scene
 from tactile_ros.control import GripConfig, GripForce, GripInput
 from tactile_ros.evaluation.metrics import spread
 from tactile_ros.nodes.graph import Graph, Process
@@ -198,28 +198,26 @@ def measure(
             calls = asking.end() if asking else 0
     delay, received, answered = _delays(written, heard, begin, end)
     cores = spent * grip_rig.NS / (end - begin)
-    return Run(delay, received, cores, answered, calls, heard.refusal, waited)
+    return Run(delay, received, cores, answered, calls, waited=waited)
 
 
-def _delays(written: Integers, heard: Heard, begin: int, end: int) -> tuple[Array, Array, float]:
+def _delays(
+    written: Integers, heard: Integers, begin: int, end: int
+) -> tuple[Array, Array, float]:
     """Delays to sending and to receiving (s), and the share of frames with a command of their own.
 
     Of every frame: until the first command that answers it or a later one, since what waited is
     answered together; of one that nothing answers, at least until the last command.
     """
-    row = np.searchsorted(written, heard.stamp_ns + TOLERANCE_NS) - 1
-    order = np.argsort(heard.sent_ns, kind='stable')
-    row = np.maximum.accumulate(row[order])
+    stamp, sent, received = heard[:, np.argsort(heard[1], kind='stable')]
+    row = np.maximum.accumulate(np.searchsorted(written, stamp + TOLERANCE_NS) - 1)
     frames = np.flatnonzero((written >= begin) & (written < end))
-    own = np.unique(row[(heard.sent_ns[order] >= begin) & (heard.sent_ns[order] < end)])
+    own = np.unique(row[(sent >= begin) & (sent < end)])
     if not len(own) or not len(frames):
         return NOTHING, NOTHING, 0.0
-    first = order[np.minimum(np.searchsorted(row, frames), len(row) - 1)]
-    sent, received = (
-        1e-9 * np.maximum(at[first] - written[frames], 0)
-        for at in (heard.sent_ns, heard.received_ns)
-    )
-    return sent, received, len(own) / len(frames)
+    first = np.minimum(np.searchsorted(row, frames), len(row) - 1)
+    late = [1e-9 * np.maximum(at[first] - written[frames], 0) for at in (sent, received)]
+    return *late, len(own) / len(frames)
 
 
 def _graph(

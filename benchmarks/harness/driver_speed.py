@@ -29,7 +29,7 @@ from tactile_ros.devices.simulated_i2c import ChipArrayTwin
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.types import Layout
 
-CHUNK, REPEATED, FRAMES = 1000, 50, 200
+CHUNK, REPEATED, FRAMES = 1000, 20, 200
 AIMS: dict[Mode, float] = {'single': 104.0, 'burst': 180.0}
 
 

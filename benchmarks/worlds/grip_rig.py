@@ -33,7 +33,7 @@ from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 from tactile_ros.nodes.graph import Value
 from tactile_ros.nodes.sensor_node import Reader
 from tactile_ros.sensors import load_sensor
-from tactile_ros.types import Array, Integers
+from tactile_ros.types import Array
 
 COMMANDS, STATES = '/allegroHand_0/joint_cmd', '/allegroHand_0/joint_states'
 POSTURE_S, PATIENCE_S = 0.01, 30.0
@@ -183,21 +183,11 @@ def boards(scene: Scene) -> Callable[[Connection], None]:
     return work
 
 
-@dataclass(frozen=True)
-class Heard:
-    """Commands (n,): stamps of the forces that they answer, when they were sent and received.
-
-    `refusal` is what grip_node said in its diagnostics when it sent nothing last.
-    """
-
-    stamp_ns: Integers
-    sent_ns: Integers
-    received_ns: Integers
-    refusal: str = ''
-
-
 def listener(pipe: Connection) -> None:
-    """Work of a hand that stands still: tells its posture, asks for a grasp, hears commands."""
+    """Work of a hand that stands still: tells its posture, asks for a grasp, hears commands.
+
+    Reports stamps of the forces that commands answer, when they were sent and received (3, n).
+    """
     import rclpy
     from rclpy.node import Node
 
@@ -209,7 +199,7 @@ def listener(pipe: Connection) -> None:
         if len(hand.heard) > 10 and not told:
             pipe.send('commands come')
             told = True
-    pipe.send(Heard(*np.array(hand.heard, np.int64).reshape(-1, 3).T, hand.refusal))
+    pipe.send(np.array(hand.heard, np.int64).reshape(-1, 3).T)
     node.destroy_node()
     rclpy.try_shutdown()
 
@@ -218,7 +208,6 @@ class Hand:
     """A hand that stands still."""
 
     def __init__(self, node: object) -> None:
-        from diagnostic_msgs.msg import DiagnosticArray
         from rclpy.action import ActionClient
         from rclpy.qos import QoSProfile
         from sensor_msgs.msg import JointState
@@ -227,7 +216,6 @@ class Hand:
         from tactile_ros.hands import load_hand
 
         self.heard: list[tuple[int, int, int]] = []
-        self.refusal = ''
         self._counted, self._silent_s, self._asked_s = 0, time.monotonic(), 0.0
         self._node, self._kind, self._goal = node, JointState, Grasp.Goal(target_force=FORCE)
         described = load_hand('allegro_v5')
@@ -237,7 +225,6 @@ class Hand:
         self._states = node.create_publisher(JointState, STATES, 10)
         deep = QoSProfile(depth=1000)
         node.create_subscription(JointState, COMMANDS, self._on_command, deep, raw=True)
-        node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, deep)
         self._grasp = ActionClient(node, Grasp, 'grip_node/grasp')
         node.create_timer(POSTURE_S, self._tell)
 
@@ -247,14 +234,6 @@ class Hand:
         self.heard.append(
             (sec * NS + nanosec, info['source_timestamp'], info['received_timestamp'])
         )
-
-    def _on_diagnostics(self, message: object) -> None:
-        """Keep why the grip sends nothing, once it has sent something."""
-        for status in message.status:
-            told = {pair.key: pair.value for pair in status.values}
-            refusal = told.get('refusal', 'none')
-            if self.heard and refusal != 'none':
-                self.refusal = refusal
 
     def _tell(self) -> None:
         """Say where the joints are, and ask for a grasp where no commands come."""

@@ -121,16 +121,6 @@ class Checker(HTMLParser):
         self.fetched += [str(v) for k, v in attrs if k in ('src', 'href') or k.startswith('on')]
 
 
-def test_a_result_is_read_back_as_it_was_written(results: Path) -> None:
-    found = read_bench(results / 'magnet_pad.json')
-    assert found.result.rows == rows()
-    assert found.result.seed == [1, 2]
-    (picture,) = found.pictures
-    assert picture.name == 'error map'
-    assert picture.description == f'A map {HOSTILE}'
-    assert picture.size == (360, 270)
-
-
 @pytest.mark.parametrize(
     ('text', 'words'),
     [
@@ -149,9 +139,14 @@ def test_what_is_no_result_is_named_and_left_out(
     found, (problem,) = gather([results])
     assert len(found) == 2
     assert words in problem
-    assert main(['report', str(results)]) == 1
-    assert 'left out: ' in capsys.readouterr().err
-    assert words in unescape((results / 'report.html').read_text())
+    page = results / 'new' / 'page.html'
+    assert main(['report', str(results), '-o', str(page), '--json']) == 1
+    said = capsys.readouterr()
+    assert 'left out: ' in said.err
+    assert words in unescape(page.read_text())
+    other, pad = json.loads(said.out)
+    assert (pad['figures'], pad['aims'], pad['held'], pad['missed']) == (6, 3, 1, 2)
+    assert other['what is missed'] == 'cells right'
 
 
 REPLAYED = {
@@ -203,19 +198,15 @@ def test_without_results_there_is_one_sentence(
     assert f'{tmp_path} holds no result of a bench' in capsys.readouterr().err
 
 
-def test_the_command_prints_what_is_missed(
-    results: Path, capsys: pytest.CaptureFixture[str]
+def test_results_are_read_back_and_their_page_is_escaped_and_fetches_nothing(
+    results: Path,
 ) -> None:
-    page = results / 'new' / 'page.html'
-    assert main(['report', str(results), '-o', str(page), '--json']) == 0
-    other, pad = json.loads(capsys.readouterr().out)
-    assert (pad['figures'], pad['aims'], pad['held'], pad['missed']) == (6, 3, 1, 2)
-    assert other['what is missed'] == 'cells right'
-    assert page.is_file()
-
-
-def test_the_page_is_escaped_and_fetches_nothing(results: Path) -> None:
     files, _ = gather([results])
+    found = next(file for file in files if file.result.bench == 'magnet_pad')
+    assert (found.result.rows, found.result.seed) == (rows(), [1, 2])
+    (picture,) = found.pictures
+    assert (picture.name, picture.description) == ('error map', f'A map {HOSTILE}')
+    assert picture.size == (360, 270)
     text = render_package(files, [HOSTILE], f'tactile report {HOSTILE}')
     checker = Checker()
     checker.feed(text)
@@ -272,15 +263,7 @@ def test_the_highest_share_is_best_and_an_exact_method_is_drawn_too() -> None:
     assert 'inf' not in figure.drawing
 
 
-def test_without_resvg_pictures_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, 'resvg_py', None)
-    with pytest.raises(MissingPackageError, match='pip install resvg-py'):
-        list(write_figures(tmp_path, [pareto(contests(rows())[0])]))
-
-
-def test_without_fonts_pictures_are_refused(
+def test_without_resvg_or_fonts_pictures_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     module = pytest.importorskip('resvg_py')
@@ -288,6 +271,9 @@ def test_without_fonts_pictures_are_refused(
     monkeypatch.setattr(module, 'svg_to_bytes', blank)
     with pytest.raises(MissingPackageError, match='pictures need a font'):
         figures.check_png()
+    monkeypatch.setitem(sys.modules, 'resvg_py', None)
+    with pytest.raises(MissingPackageError, match='pip install resvg-py'):
+        list(write_figures(tmp_path, [pareto(contests(rows())[0])]))
 
 
 @pytest.mark.parametrize('inside', ['<image href="/etc/x.png"/>', '<rect'])

@@ -18,7 +18,7 @@ from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.multipole_skin.config import HEADS, box, nine_heads, regular
 from tactile_ros.types import Outline, Recording
 
-__all__ = ['bars', 'box', 'collect', 'new_heads', 'nine_heads', 'paper_protocol', 'regular']
+__all__ = ['bars', 'box', 'collect', 'new_heads', 'nine_heads', 'regular']
 SENSOR = load_sensor('multipole_skin')
 Heads = tuple[Outline, ...]
 MU0 = 4e-7 * np.pi
@@ -344,18 +344,3 @@ def collect(
         stamp_ns=np.arange(n * rows) * 12_500_000 + np.repeat(np.arange(n), rows) * 2_000_000_000,
         stream=np.repeat(np.arange(n), rows), tare=~pressed, truth=truth,
     )  # fmt: skip
-
-
-def paper_protocol(
-    world: World, heads: Heads, seed: int, steps: int = 1, places: np.ndarray | None = None,
-    depth: tuple[float, float] = (0.3e-3, 0.9e-3), jitter: float = 0.0, config: object = None,
-) -> Recording:  # fmt: skip
-    """Data collection of [1]: every head at twenty-five places, some presses (steps) each."""
-    rng = np.random.default_rng([13, seed])
-    places = stations() if places is None else places
-    labels = np.repeat(np.arange(len(heads)), len(places) * steps)
-    where = np.tile(np.repeat(places, steps, axis=0), (len(heads), 1))
-    where = where + jitter * rng.uniform(-1, 1, where.shape)
-    turn = np.zeros(len(labels))
-    deep = rng.uniform(*depth, len(labels))
-    return collect(world, heads, labels, where, turn, deep, seed, config=config)
