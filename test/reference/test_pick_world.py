@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Parts gripped at random in a world of points: grippers, recognition, the bound for tubes."""
+"""Parts gripped at random in a world of points: grippers and recognition."""
 
 from __future__ import annotations
 
