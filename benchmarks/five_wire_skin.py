@@ -164,7 +164,7 @@ def creep_figures(seed: int) -> dict[str, float]:
     test = pressed(world, LAYOUT, places, rng.uniform(2, 14, 60), seed + 1)
     pipeline = SENSOR.pipeline().fit(train)
     crept, lightest = rms(judged(pipeline, test).force), pipeline.report['contact']
-    pipeline.estimation.crept_ = None
+    pipeline.estimation.creep_ = None
     without = rms(judged(pipeline, test).force)
     return {'crept': crept, 'uncrept': without, 'lightest': lightest['lightest_felt']}
 

@@ -13,6 +13,7 @@ import pytest
 from reference import five_wire_sheet as sheets
 from reference import five_wire_world as reference
 from tactile_ros.conditioning.fading_memory import FadingMemory
+from tactile_ros.estimators.power_law_force import PowerLawForce
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.five_wire_skin.film import TIME_CONSTANTS, FilmCreep, FilmMemory
@@ -525,7 +526,9 @@ def stream(count: int = 120) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def crept(share: float = 0.0) -> FilmCreep:
-    creep = FilmCreep()
+    curve = PowerLawForce()
+    curve.gap_ = 0.0
+    creep = FilmCreep(curve)
     creep.shares_ = np.full(len(TIME_CONSTANTS), share)
     return creep
 

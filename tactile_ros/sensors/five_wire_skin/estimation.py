@@ -153,7 +153,6 @@ class FiveWireEstimation(Estimation):
         self.force_: Choice | None = None
         self.most_ = np.inf  # largest force of the fit (N)
         self.creep_: FilmCreep | None = None
-        self.crept_: PowerLawForce | None = None
         self.shear_: Choice | None = None
         self.coverage_: Report = {}
 
@@ -254,18 +253,15 @@ class FiveWireEstimation(Estimation):
         if not isinstance(model, PowerLawForce):
             mean, covariance = self.force_.predict(features)
             return mean[:, 0], covariance[:, 0, 0]
-        creeps = self.creep_ is not None and self.crept_ is not None
-        if not creeps or signals.stamp_ns is None:
+        if self.creep_ is None or signals.stamp_ns is None:
             force, relative = model.force(features)
             return force, relative * (force - model.gap_) ** 2
-        assert self.creep_ is not None
-        assert self.crept_ is not None
-        force, relative = self.crept_.force(features)
+        force, relative = self.creep_.curve_.force(features)
         static = np.where(signals.in_contact == 0, 0.0, force)
         static = np.where(signals.good, static, np.nan)
         force, ratios = self.creep_.undo(static, signals.stamp_ns, signals.restart, memory)
         relative = relative + self.creep_.variance(ratios)
-        return force, relative * (force - self.crept_.gap_) ** 2
+        return force, relative * (force - self.creep_.curve_.gap_) ** 2
 
     def _features(self, x: Array, place: Array) -> Array:
         """Features (s, 3) of a force: place over the sheet, R over R0."""
@@ -292,7 +288,7 @@ class FiveWireEstimation(Estimation):
         self, signals: Signals, x: Array, position: Array, force: Array, group: Integers
     ) -> None:
         """Choose and fit the static curve, and the creep where stamps show the past."""
-        self.force_ = self.creep_ = self.crept_ = None
+        self.force_ = self.creep_ = None
         rows = np.flatnonzero(signals.good & np.isfinite(force[:, 2]))
         rows = rows[np.lexsort(np.column_stack([x[rows], force[rows, 2]]).T)]
         told = force[rows, 2:]
@@ -327,13 +323,13 @@ class FiveWireEstimation(Estimation):
         past = np.where(signals.good | (signals.in_contact == 0), past, np.nan)
         # nothing distinguishes slower ones from a wrong curve
         shown = np.flatnonzero(LONGEST * longest_hold(signals) >= TIME_CONSTANTS)
-        creep, model = FilmCreep(static.gap_), PowerLawForce(static.noise, self.size, self.series)
+        creep, model = FilmCreep(static), PowerLawForce(static.noise, self.size, self.series)
         ratios = creep.undo(past, signals.stamp_ns, signals.restart, FilmMemory())[1]
         x = np.column_stack([features, ratios[:, shown]])[rows]
         error = model.fit_held_out(x, force[rows, None], group[rows], static)[0]
         size, before = float(np.sqrt(np.nanmean(error**2))), self.force_.report_['held_out_rmse']
         if size < WORTH * before:
-            self.creep_, self.crept_ = creep, model
+            self.creep_, creep.curve_ = creep, model
             creep.shares_[shown] = model.linear_
             creep.covariance_[np.ix_(shown, shown)] = model.linear_covariance_
             creep.report_ = {'held_out_rmse': before}

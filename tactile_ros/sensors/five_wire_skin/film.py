@@ -23,6 +23,7 @@ from tactile_ros.physics.compiled import compiled
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from tactile_ros.estimators.power_law_force import PowerLawForce
     from tactile_ros.types import Array, Bools, Columns, Integers, Signals
 
 FALSE_ALARM = 1e-6  # share of untouched frames that may be called touched
@@ -200,16 +201,13 @@ class FilmMemory:
 
 
 class FilmCreep:
-    """Shares of the past in the logarithm of a force.
-
-    The air gap takes the force `gap` (N), which does not creep.
-    """
+    """Shares of the past in the logarithm of a force, beside a static curve."""
 
     shares_: Array  # (m,) of the ratios of fading means to the force, 0 before a fit
     covariance_: Array  # (m, m) theirs
 
-    def __init__(self, gap: float = 0.0) -> None:
-        self.gap = gap
+    def __init__(self, curve: PowerLawForce) -> None:
+        self.curve_ = curve
         self.report_: dict[str, float] = {}
         self.shares_ = np.zeros(len(TIME_CONSTANTS))
         self.covariance_ = np.zeros((len(TIME_CONSTANTS),) * 2)
@@ -223,8 +221,8 @@ class FilmCreep:
         """
         force, ratios = np.empty(len(static)), np.empty((len(static), len(TIME_CONSTANTS)))
         creep_rows(
-            static, stamp_ns, restart, TIME_CONSTANTS, self.gap, self.shares_, memory.state,
-            memory.clock, force, ratios,
+            static, stamp_ns, restart, TIME_CONSTANTS, self.curve_.gap_, self.shares_,
+            memory.state, memory.clock, force, ratios,
         )  # fmt: skip
         return force, ratios
 
