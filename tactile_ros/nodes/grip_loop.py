@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import hypot, inf, isfinite, nan, sqrt
-from operator import mul
 
 import numpy as np
 
@@ -62,6 +61,17 @@ class Decision:
     refusal: str
     ended: GraspProgress | None
     lost: str
+
+
+def dot(values: Sequence[float], axis: Sequence[float]) -> float:
+    """Component of values along an axis; what is not known across it (NaN) does not count.
+
+    Examples
+    --------
+    >>> dot((float('nan'), float('nan'), 2.0), (0.0, 0.0, 1.0))
+    2.0
+    """
+    return sum(value * part for value, part in zip(values, axis, strict=True) if part != 0.0)
 
 
 class GripLoop:
@@ -134,21 +144,21 @@ class GripLoop:
         """Keep the force (3,) on a finger at a time (s), in its sensor frame (N).
 
         `normal` of the contact, unit or not; None and NaN: z of the pad. `covariance` (9,) of the
-        force (N^2); empty or NaN: not stated.
+        force (N^2); empty or NaN: not stated. A sensor of normal force has NaN across it.
         """
         x, y, z = force
         n = normal if normal is not None else (0.0, 0.0, 1.0)
         length = hypot(*n)
         framed = 0.0 < length < inf
         n = [part / length for part in n] if framed else (0.0, 0.0, 1.0)
-        along = x * n[0] + y * n[1] + z * n[2]
+        along = dot(force, n)
         self._normal[finger] = along
         self._across[finger] = hypot(x - along * n[0], y - along * n[1], z - along * n[2])
         self._framed[finger], self._valid[finger], self._slip[finger] = framed, valid, slip
         variance = nan
         if len(covariance):
             rows = [covariance[3 * i : 3 * i + 3] for i in range(3)]
-            variance = sum(a * sum(map(mul, row, n)) for a, row in zip(n, rows, strict=True))
+            variance = dot([dot(row, n) for row in rows], n)
         self._sigma[finger] = sqrt(variance) if 0.0 < variance < inf else nan
         self._touched_s[finger], self._new[finger] = measured_s, True
 

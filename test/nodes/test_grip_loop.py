@@ -15,6 +15,7 @@ from tactile_ros.control import GraspOutcome, GripConfig, GripPhase
 from tactile_ros.hands import load_hand
 from tactile_ros.hands.joints import taking_part
 from tactile_ros.nodes.grip_loop import Decision, GripLoop, StampAge, StepTrigger
+from tactile_ros.nodes.grip_node import normal_of
 from tactile_ros.nodes.mock_hand_node import MockHand
 
 HANDS = ['allegro_v4', 'allegro_v5', 'allegro_plexus', 'qb_softhand', 'qb_softhand_2m']
@@ -374,6 +375,17 @@ def test_a_force_beyond_the_drives_is_shared_down_said_and_never_held() -> None:
     assert said in sequence.step(settled, 0.5).message
     with pytest.raises(ValueError, match='cannot press that hard'):
         world.stage.admit(0.0, names, 0.0, (10.0, 0.11, 0.11, 10.0))
+
+
+def test_a_sensor_of_normal_force_alone_grips() -> None:
+    """Its force, normal and covariance are unknown (NaN) across the pad."""
+    world = World('allegro_v5')
+    blank, step = float('nan'), world.stage
+    covariance = [blank] * 8 + [4e-4]
+    step.take_touch(0, (blank, blank, 1.5), True, -1, 0.0, None, covariance)
+    assert (step._normal[0], step._sigma[0]) == (1.5, 0.02)
+    assert np.isnan(step._across[0])
+    assert normal_of([((0.0, 0.0, 1.0), (blank, blank, 1.5))])[:2] == [0.0, 0.0]
 
 
 def test_a_rate_that_the_hand_cannot_take_is_refused() -> None:
