@@ -63,12 +63,12 @@ class Decision:
     lost: str
 
 
-def dot(values: Sequence[float], axis: Sequence[float]) -> float:
+def along(values: Sequence[float], axis: Sequence[float]) -> float:
     """Component of values along an axis; what is not known across it (NaN) does not count.
 
     Examples
     --------
-    >>> dot((float('nan'), float('nan'), 2.0), (0.0, 0.0, 1.0))
+    >>> along((float('nan'), float('nan'), 2.0), (0.0, 0.0, 1.0))
     2.0
     """
     return sum(value * part for value, part in zip(values, axis, strict=True) if part != 0.0)
@@ -151,14 +151,13 @@ class GripLoop:
         length = hypot(*n)
         framed = 0.0 < length < inf
         n = [part / length for part in n] if framed else (0.0, 0.0, 1.0)
-        along = dot(force, n)
-        self._normal[finger] = along
-        self._across[finger] = hypot(x - along * n[0], y - along * n[1], z - along * n[2])
+        pressed = self._normal[finger] = along(force, n)
+        self._across[finger] = hypot(x - pressed * n[0], y - pressed * n[1], z - pressed * n[2])
         self._framed[finger], self._valid[finger], self._slip[finger] = framed, valid, slip
         variance = nan
         if len(covariance):
             rows = [covariance[3 * i : 3 * i + 3] for i in range(3)]
-            variance = dot([dot(row, n) for row in rows], n)
+            variance = along([along(row, n) for row in rows], n)
         self._sigma[finger] = sqrt(variance) if 0.0 < variance < inf else nan
         self._touched_s[finger], self._new[finger] = measured_s, True
 

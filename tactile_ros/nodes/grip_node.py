@@ -34,7 +34,7 @@ from tactile_ros.hands.drivers import JOINT_STATE, NUMBERS, TRAJECTORY, Topic
 from tactile_ros.hands.kinematics import RobotDescription
 from tactile_ros.messages import packed, stamp_ns, vector
 from tactile_ros.msg import GripState, TactileContacts, TactileFrame
-from tactile_ros.nodes.grip_loop import LATE, Decision, GripLoop, StampAge, StepTrigger, dot
+from tactile_ros.nodes.grip_loop import LATE, Decision, GripLoop, StampAge, StepTrigger, along
 from tactile_ros.nodes.lifecycle import ManagedNode, diagnostic, qos
 from tactile_ros.nodes.parameters import GripOptions
 from tactile_ros.types import Array, ContactState, Frame, FrameStatus, GripCommand, Integers
@@ -87,7 +87,7 @@ def normal_of(contacts: Sequence[tuple[Sequence[float], Sequence[float]]]) -> li
         return None
     total = [0.0, 0.0, 0.0]
     for normal, force in contacts:
-        weight = abs(dot(force, normal)) + TINY
+        weight = abs(along(force, normal)) + TINY
         weight = -weight if normal[2] < 0.0 else weight
         total = [one + weight * part for one, part in zip(total, normal, strict=True)]
     return total
