@@ -34,9 +34,7 @@ MEAN = np.log([10.0, 2.0, 0.3, 0.3, 0.1])
 ORDER = 2.5  # of the Matern kernel: smoother ones understate what is between touches (Stein 1999)
 # logs of the fields' sizes, of their length over the longer edge, and of the size of a part
 # without length over that of the rest
-HYPER = HyperPrior(
-    np.log([0.15, 0.05, 0.05, 0.25, 0.1]), np.array([1.2, 1.2, 1.5, 0.6, 1.0])
-)
+HYPER = HyperPrior(np.log([0.15, 0.05, 0.05, 0.25, 0.1]), np.array([1.2, 1.2, 1.5, 0.6, 1.0]))
 GAPS = (0.0, 0.3, 0.6, 0.8, 0.9)  # of the lightest force
 CREEP = math.log(0.03)  # log of the prior sigma of a further feature: a film creeps by percents
 UNKNOWN_NOISE = 0.01
