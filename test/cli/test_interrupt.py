@@ -17,8 +17,8 @@ ROOT = Path(__file__).resolve().parents[2]
 @pytest.mark.parametrize(
     ('words', 'after_s'),
     [
-        ('list', 0.12), ('doctor --sensor reskin_board --simulated', 0.4), ('record -o bag', 1.5),
-        ('demo --output demo', 0.9), ('calibrate reskin_board normal_1 -o c.npz', 2.5),
+        ('list', 0.12), ('doctor --sensor reskin_board --simulated', 0.4), ('record -o bag', 0.5),
+        ('demo --output demo', 0.9), ('calibrate reskin_board normal_1 -o c.npz', 0.8),
     ],
 )  # fmt: skip
 def test_interrupt_ends_a_command_in_one_line(words: str, after_s: float, tmp_path: Path) -> None:
