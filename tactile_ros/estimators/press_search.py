@@ -75,11 +75,20 @@ class Matches(Rows):
 
 
 class PressSearch:
-    """Search among the templates of a bank, whose body has a height (m).
+    """Search among the templates of a bank.
 
-    Of readings are `noise` (d,) (T) and `common` (d, 3), what a uniform field does to them;
-    `error` is of the model, as a share of what a chip sees, `still` of a pattern, not averaged by
-    frames (T). Each press is taken for one of this skin or of the `other` that explains it better.
+    Parameters
+    ----------
+    bank : PressBank
+        Templates.
+    noise, common : ndarray, shape (d,) and (d, 3)
+        Of a reading (T); what a uniform field does to readings.
+    body, error, still : float
+        Height of the soft body (m); error of the model, as a share of what a chip sees; error of
+        a pattern that frames do not average (T).
+    other : PressSearch or None
+        The same for another skin that it may be: each press is taken for one of the skin that
+        explains it better.
     """
 
     def __init__(

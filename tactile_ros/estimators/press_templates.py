@@ -57,11 +57,23 @@ class Head:
 
 
 class PressBank:
-    """Templates of heads on a sheet at rest in a body; a label is an index into `outlines`.
+    """Templates of heads on one sheet in a body.
 
-    Chips (t, 3) are Hall elements (m), responses (t, 3, 3) field in sensor axes -> their readings;
-    `turning` is the share of the body's turns that dipoles follow. The table (turns, x, y, 3, t 3)
-    has spline coefficients for the powers 1 to 3 of the depth (T / m, T / m2, T / m3).
+    Parameters
+    ----------
+    sheet, dents : Sheet and PunchDents
+        At rest; of the body.
+    chips, responses : ndarray, shape (t, 3) and (t, 3, 3)
+        Hall elements (m); field in sensor axes -> readings of a chip.
+    turning : float
+        Share of the body's turns that dipoles follow.
+    outlines : sequence of Outline
+        Heads; a label is an index into them.
+
+    Attributes
+    ----------
+    table : ndarray, shape (turns, x, y, 3, t 3)
+        Spline coefficients for the powers 1 to 3 of the depth (T / m, T / m2, T / m3).
     """
 
     def __init__(

@@ -34,9 +34,13 @@ class Prototypes:
         self.means_ = np.stack([features[labels == label].mean(axis=0) for label in self.classes_])
         return self
 
+    def squared_distances(self, features: Array) -> Array:
+        """Squared distances (n, k) of features (n, p) from the means."""
+        return np.asarray(np.square(features[:, None] - self.means_).sum(axis=2))
+
     def log_probability(self, features: Array) -> Array:
         """Logarithm of the probability of every class (n, k), eq. (3) with -d."""
-        away = np.square(features[:, None] - self.means_).sum(axis=2)
+        away = self.squared_distances(features)
         away = away - away.min(axis=1, keepdims=True)
         return np.asarray(-away - np.log(np.exp(-away).sum(axis=1, keepdims=True)))
 

@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Classes from few presses: depth, means of several, and nuisances."""
+"""Classes from few presses: depth, means of several, nuisances, and the choice of a metric."""
 
 from __future__ import annotations
 
@@ -10,12 +10,10 @@ import pytest
 
 from tactile_ros.estimators import few_shot
 from tactile_ros.estimators.few_shot import (
-    BENT,
-    DIFFERENT,
-    PLACED,
+    Metric,
     Presses,
     SupportSet,
-    one_shot_accuracy,
+    choose_metric,
     press_pattern,
     share_of,
     support_scores,
@@ -72,13 +70,14 @@ def test_scores_are_likelihoods_with_their_nuisances() -> None:
         supports(pattern[None], [0]), slopes=np.array([[slope / 1e-3, 0 * slope, 0 * slope]]),
         bends=0.3 * bend[None],
     )  # fmt: skip
+    metric = Metric(3e-4, 0.02, 0.2, 0.02)
     asked = pattern + 0.2 * slope + 2e-6 * RNG.normal(size=D)
     presses = Presses(asked[None], np.full(1, 5.0))
-    score = support_scores(known, presses, NOISE, COMMON, 1e-6)
+    score = support_scores(known, presses, NOISE, COMMON, 1e-6, metric)
     ratio = (asked @ pattern) / (pattern @ pattern)
     made = ratio * (pattern + np.log(ratio) * known.bends[0])
-    variance = (1 + ratio**2) * (NOISE**2 / 5 + 1e-12) + 2 * share_of(asked, DIFFERENT)
-    ways = [PLACED[0] * known.slopes[0, 0], BENT * known.bends[0]]
+    variance = (1 + ratio**2) * (NOISE**2 / 5 + 1e-12) + 2 * share_of(asked, 0.02)
+    ways = [metric.place * known.slopes[0, 0], metric.bend * known.bends[0]]
     ways = np.array(ways) * ratio * np.sqrt(2) / np.sqrt(variance)
     size = made / few_shot.ANY_DEPTH / np.sqrt(variance)
     field = 1e4 * COMMON.T / np.sqrt(variance)
@@ -98,18 +97,28 @@ def places_and_shapes(kinds: int, presses: int, aside: float) -> SupportSet:
     shape, along = np.repeat(np.arange(kinds), presses), aside * RNG.normal(size=kinds * presses)
     known = supports(shapes[shape] + along[:, None] * slope, shape)
     slopes = np.zeros((len(shape), 3, D))
-    slopes[:, 0] = slope / PLACED[0]
+    slopes[:, 0] = slope / 4e-4
     return replace(known, slopes=slopes)
 
 
-def test_presses_that_were_placed_otherwise_are_named_by_their_slopes() -> None:
+def test_a_metric_that_discounts_placement_names_more_than_prototypes() -> None:
     known = places_and_shapes(6, 12, 0.4)
-    right = one_shot_accuracy(known, NOISE, COMMON, 1e-6)
-    blind = one_shot_accuracy(replace(known, slopes=0 * known.slopes), NOISE, COMMON, 1e-6)
-    assert right is not None
-    assert blind is not None
-    assert right > blind + 0.2
+    metric, right = choose_metric(known, NOISE, COMMON, 1e-6)
+    assert metric is not None
+    assert right['accuracy_whitened'] > right['accuracy_prototypes'] + 0.2
 
 
-def test_presses_of_which_none_repeats_tell_nothing() -> None:
-    assert one_shot_accuracy(supports(drawn(4), [0, 1, 2, 3]), NOISE, COMMON, 1e-6) is None
+def test_a_metric_that_loses_to_prototypes_is_not_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
+    known = places_and_shapes(6, 12, 0.1)
+
+    def lost(some: SupportSet, asked: Presses, *_: object) -> np.ndarray:
+        return np.zeros((len(asked.frames), len(some.label)))
+
+    monkeypatch.setattr(few_shot, 'support_scores', lost)
+    metric, right = choose_metric(known, NOISE, COMMON, 1e-6)
+    assert metric is None
+    assert right['accuracy_prototypes'] > right['accuracy_whitened']
+
+
+def test_presses_of_which_none_repeats_choose_nothing() -> None:
+    assert choose_metric(supports(drawn(4), [0, 1, 2, 3]), NOISE, COMMON, 1e-6) == (Metric(), {})

@@ -72,8 +72,10 @@ def test_it_may_be_asked_for_and_names_presses_and_no_more(
 def test_a_fit_takes_it_where_it_is_better(
     skin: Specimen, taught: Recording, asked: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    road = 'tactile_ros.sensors.multipole_skin.press_fit.one_shot_accuracy'
-    monkeypatch.setattr(road, lambda *_: 0.0)
+    def poor(*_: object) -> object:
+        return None, {'accuracy_whitened': 0.0, 'accuracy_prototypes': 0.0}
+
+    monkeypatch.setattr('tactile_ros.sensors.multipole_skin.press_fit.choose_metric', poor)
     pipeline = SPEC.pipeline(CONFIG).fit(taught)
     assert pipeline.estimators['label'] in NETWORKS
     (share,) = pipeline.report['label_by_network'].values()

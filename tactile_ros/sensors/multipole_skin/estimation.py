@@ -16,12 +16,7 @@ from scipy.special import betaincinv
 from tactile_ros.estimators.few_shot import Presses, SupportSet, press_patterns
 from tactile_ros.estimators.model_selection import spread_rows
 from tactile_ros.physics.magnetics import rotations
-from tactile_ros.sensors.multipole_skin.press_fit import (
-    Labels,
-    held_out_scores,
-    learn,
-    nearest_class,
-)
+from tactile_ros.sensors.multipole_skin.press_fit import Labels, learn
 from tactile_ros.sensors.multipole_skin.recogniser import (
     NETWORKS,
     WEAKEST,
@@ -170,13 +165,12 @@ def lost_by(recogniser: Recogniser, number: int) -> dict[str, float]:
     known = recogniser.known_
     press = np.asarray(np.unique(known.number, return_inverse=True)[1], np.int64).reshape(-1)
     count = int(press.max(initial=-1)) + 1
-    lost, road = np.zeros(count, bool), recogniser.road_
-    parts = held_out_scores(
-        recogniser, known, recogniser.matches(known), press * FOLDS // max(count, 1), road
-    )
-    for rows, classes, scores, _ in parts:
-        now = nearest_class(classes, scores)
-        before = nearest_class(classes, np.where(classes == number, np.inf, scores))
+    part = press * FOLDS // max(count, 1)
+    lost = np.zeros(count, bool)
+    for fold in np.unique(part):
+        rows = np.flatnonzero(part == fold)
+        presses, seen = known.rows(rows), known.rows(np.flatnonzero(part != fold))
+        now, before = _named(recogniser, presses, seen, number)
         lost[press[rows[(now == number) & (before == known.label[rows])]]] = True
     share = float(lost.mean()) if count else float('nan')
     return {
@@ -237,13 +231,26 @@ def _noise_takes(
     if recogniser.search is not None:
         variance = recogniser.search.variance(presses)
     noise = np.random.default_rng(0).normal(size=many.shape)
-    presses = replace(presses, pattern=many + np.sqrt(variance) * noise)
-    classes, scores, _ = recogniser.scores(
-        presses, recogniser.matches(presses), recogniser.known_, recogniser.road_
-    )
-    named = nearest_class(classes, scores)
+    named, _ = _named(
+        recogniser, replace(presses, pattern=many + np.sqrt(variance) * noise),
+        recogniser.known_, number,
+    )  # fmt: skip
     lost = (named == number).reshape(-1, DRAWN).sum(axis=1)
     return dict(zip(patterns, ((lost + 0.5) / (DRAWN + 1)).tolist(), strict=True))
+
+
+def _named(
+    recogniser: Recogniser, presses: Presses, known: SupportSet, number: int
+) -> tuple[Integers, Integers]:
+    """Names of presses (n,) with a class and without it; -1: none."""
+    matches = recogniser.matches(presses)
+    labels, scores, _ = recogniser.scores(presses, matches, known, recogniser.road_)
+    without = np.where(labels == number, np.inf, scores)
+    now, before = (
+        np.where(np.isfinite(some.min(axis=1)), labels[some.argmin(axis=1)], -1)
+        for some in (scores, without)
+    )
+    return now, before
 
 
 def _bound(count: int, of: int) -> float:
@@ -284,25 +291,38 @@ MOST_LEARNED = 1500  # windows
 
 
 class MultipoleEstimation(Estimation):
-    """Estimators of one multipole skin; a fit starts at its config.
+    """Estimators of one multipole skin.
 
-    `estimator` is a regressor of frames, or a network of [1], which names presses and no more;
-    None: the best of all roads on held-out places.
+    Parameters
+    ----------
+    config : MultipoleSkinConfig
+        Drawing of the skin: where a fit starts.
+    estimator : str or None
+        A regressor of frames, or a network of [1], which names presses and no more; None: the
+        best of all roads on held-out places.
+
+    Attributes
+    ----------
+    frames_ : Recognition
+        Regressors and votes of frames.
+    recogniser_ : Recogniser or None
+        Of presses; None before a fit, and where a regressor was asked for.
+    network_ : NetworkClasses or None
+        Network of [1], where it is what names known classes.
+    by_press_, names_ : tuple of str
+        Targets of which the recogniser speaks; names of enrolled classes.
     """
 
     learns_classes = True
 
     def __init__(self, config: MultipoleSkinConfig, estimator: str | None = None) -> None:
-        # regressors and votes of frames
         self.frames_ = Recognition(config, None if estimator in NETWORKS else estimator)
         self.config, self.wanted = config, estimator
-        self.network_: NetworkClasses | None = None  # where it is what names known classes
-        # of presses; None before a fit, and where a regressor was asked for
+        self.network_: NetworkClasses | None = None
         self.recogniser_: Recogniser | None = None
-        # targets of which the recogniser speaks; names of enrolled classes
         self.by_press_: tuple[str, ...] = ()
-        self.names_: tuple[str, ...] = ()
         self.press_report_: Report = {}
+        self.names_: tuple[str, ...] = ()
         self.first_new_ = len(config.objects)
 
     @property

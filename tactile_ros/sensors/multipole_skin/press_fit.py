@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.estimators.covariance import CovarianceModel
-from tactile_ros.estimators.few_shot import Rows, one_shot_accuracy, press_patterns
+from tactile_ros.estimators.few_shot import Rows, choose_metric, press_patterns
 from tactile_ros.estimators.model_selection import spread_rows
-from tactile_ros.estimators.regression import group_folds
 from tactile_ros.estimators.sheet_calibration import (
     NODES,
     LabelledPress,
@@ -31,8 +30,6 @@ from tactile_ros.sensors.multipole_skin.recogniser import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from tactile_ros.estimators.few_shot import Presses
     from tactile_ros.estimators.press_search import Matches
     from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
@@ -83,7 +80,8 @@ class Labels(Rows):
     def folds(self) -> Integers:
         """Fold of each window; groups stay together."""
         number = np.unique(self.groups, return_inverse=True)[1].reshape(-1)
-        return group_folds(number, FOLDS, seed=0)
+        order = np.random.default_rng(0).permutation(number.max(initial=-1) + 1)
+        return np.asarray(order[number] % FOLDS, np.int64)
 
 
 def drawn_skin(config: MultipoleSkinConfig) -> SkinModel:
@@ -243,7 +241,7 @@ def _turning(
 
 
 def choose(recogniser: Recogniser, presses: Presses, outside: Presses, labels: Labels) -> Report:
-    """Keep supports, and choose the road that is right most often on held-out presses.
+    """Keep supports, choose the metric and the road that are right most often on held-out presses.
 
     `presses` are windows (n), `outside` the same as templates see them whose skin was fitted
     without them; the recogniser is changed.
@@ -260,9 +258,15 @@ def choose(recogniser: Recogniser, presses: Presses, outside: Presses, labels: L
         matches = recogniser.matches(presses)
     known = recogniser.supports(presses, labels.label, labels.number, matches)
     recogniser.known_ = known
+    metric, right = choose_metric(known, recogniser.noise, recogniser.common, recogniser.still_)
+    report = {'label_by_prototypes': right} if right else {}
+    if metric is not None:
+        recogniser.metric_ = metric
     if not recogniser.described:
-        right = one_shot_accuracy(known, recogniser.noise, recogniser.common, recogniser.still_)
-        return {} if right is None else {'label_by_press': {'accuracy_press_neighbours': right}}
+        recogniser.road_ = 'press_neighbours' if metric is not None else 'prototypes'
+        if right:
+            report['label_by_press'] = {f'accuracy_{recogniser.road_}': max(right.values())}
+        return report
     unseen = recogniser.matches(outside)
     assert unseen is not None
     found = {
@@ -278,9 +282,9 @@ def choose(recogniser: Recogniser, presses: Presses, outside: Presses, labels: L
     named, misfit = found[best]
     rightly = misfit[(named == labels.label) & np.isfinite(misfit)]
     recogniser.usual_, recogniser.vary_ = usual_misfit(rightly, recogniser.freedom)
-    named_by = {f'accuracy_{road}': share for road, share in shares.items()}
-    placed = _placed(recogniser, labels, unseen, presses, named)
-    return {'label_by_press': named_by, **placed}
+    report['label_by_press'] = {f'accuracy_{road}': shares[road] for road in shares}
+    report.update(_placed(recogniser, labels, unseen, presses, named))
+    return report
 
 
 def _unaveraged(recogniser: Recogniser, presses: Presses, matches: Matches) -> float:
@@ -301,30 +305,20 @@ def _unaveraged(recogniser: Recogniser, presses: Presses, matches: Matches) -> f
     return float(np.clip(np.sqrt(max(np.median(usual), 0.0)), least, recogniser.still_))
 
 
-def held_out_scores(
-    recogniser: Recogniser, presses: Presses, matches: Matches | None, fold: Integers, road: str
-) -> Iterator[tuple[Integers, Integers, Array, Array]]:
-    """Rows of each fold (n,) with classes, scores and misfits by known presses of the others."""
-    for one in np.unique(fold):
-        rows = np.flatnonzero(fold == one)
-        known = recogniser.known_.rows(np.flatnonzero(fold != one))
-        own = None if matches is None else matches.rows(rows)
-        yield rows, *recogniser.scores(presses.rows(rows), own, known, road)
-
-
-def nearest_class(classes: Integers, scores: Array) -> Integers:
-    """Classes (n,) of the best scores (n, k), -1 where nothing is near."""
-    return np.where(np.isfinite(scores.min(axis=1)), classes[scores.argmin(axis=1)], -1)
-
-
 def _validated(
     recogniser: Recogniser, presses: Presses, matches: Matches, fold: Integers, road: str
 ) -> tuple[Integers, Array]:
     """Names of held-out presses, -1 where nothing is near, and their misfits."""
     named, misfit = np.full(len(fold), -1), np.full(len(fold), np.inf)
-    for rows, classes, scores, own in held_out_scores(recogniser, presses, matches, fold, road):
-        named[rows] = nearest_class(classes, scores)
-        misfit[rows] = own[np.arange(len(rows)), scores.argmin(axis=1)]
+    for i in np.unique(fold):
+        rows = np.flatnonzero(fold == i)
+        known = recogniser.known_.rows(np.flatnonzero(fold != i))
+        classes, scores, misfits = recogniser.scores(
+            presses.rows(rows), matches.rows(rows), known, road
+        )
+        best = scores.argmin(axis=1)
+        named[rows] = np.where(np.isfinite(scores.min(axis=1)), classes[best], -1)
+        misfit[rows] = misfits[np.arange(len(rows)), best]
     return named, misfit
 
 

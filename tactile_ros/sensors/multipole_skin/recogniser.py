@@ -20,8 +20,9 @@ import numpy as np
 
 from tactile_ros.estimators.embedding import Embedding
 from tactile_ros.estimators.few_shot import (
-    DIFFERENT,
+    Metric,
     SupportSet,
+    prototype_scores,
     share_of,
     support_scores,
     without_field,
@@ -257,11 +258,35 @@ class Answers:
 
 
 class Recogniser:
-    """Classes of one skin as it is, its model; None: templates are of no use.
+    """Classes of one skin.
 
-    `outlines` are heads that have templates, labelled 0, 1, 2 ..., and `library` stand-ins where
-    none is described. Of readings are `noise` (d,) (T) and `common` (d, 3), what a uniform field
-    does to them; `error` is of the model, as a share of what a chip sees.
+    Parameters
+    ----------
+    model : SkinModel or None
+        The skin as it is; None: templates are of no use.
+    outlines, library : tuple of Outline
+        Heads that have templates, labelled 0, 1, 2 ...; stand-ins where none is described.
+    noise, common : ndarray, shape (d,) and (d, 3)
+        Of a reading (T); readings of a uniform field.
+    error : float
+        Of the model, as a share of what a chip sees.
+
+    Attributes
+    ----------
+    known_, enrolled_ : SupportSet
+        Presses of classes that were fitted, and of those enrolled since.
+    road_ : str
+        'press_templates', 'press_both', 'press_neighbours' or 'prototypes'.
+    metric_ : Metric
+        Usual differences of presses of one class.
+    turnings : tuple of float
+        Other shares of the body's turns that the skin's magnets may follow.
+    still_ : float
+        Error of a pattern that frames do not average (T).
+    covariance_ : CovarianceModel or None
+        Of place and turn, from held-out presses.
+    usual_, vary_ : float
+        Of `usual_misfit`.
     """
 
     def __init__(
@@ -270,15 +295,13 @@ class Recogniser:
     ) -> None:  # fmt: skip
         self.model, self.outlines, self.library, self.error = model, outlines, library, error
         self.noise, self.common = noise, common
-        # other shares of the body's turns that the skin's magnets may follow
         self.turnings: tuple[float, ...] = ()
-        # presses of classes that were fitted, and of those enrolled since
         self.known_ = self.enrolled_ = SupportSet.empty(len(noise))
-        # 'press_templates', 'press_both' or 'press_neighbours'
         self.road_ = 'press_templates' if model is not None and outlines else 'press_neighbours'
-        self.covariance_: CovarianceModel | None = None  # of place and turn, held out
-        self.usual_, self.vary_ = 0.0, UNTOLD  # of `usual_misfit`
-        self.still_ = STILL * float(np.mean(noise))  # of a pattern, not averaged by frames (T)
+        self.metric_ = Metric()
+        self.covariance_: CovarianceModel | None = None
+        self.usual_, self.vary_ = 0.0, UNTOLD
+        self.still_ = STILL * float(np.mean(noise))
 
     @cached_property
     def basis(self) -> Array:
@@ -396,10 +419,13 @@ class Recogniser:
             columns = {i: (score[:, i], misfit[:, i]) for i in range(score.shape[1])}
         means = self._means(None if road == 'press_templates' else known)
         if means is not None:
-            score = support_scores(means, presses, self.noise, self.common, self.still_)
-            noise = presses.variance(self.noise, self.still_)
-            # of repeated presses
-            level = np.log(noise + share_of(presses.pattern, DIFFERENT)).sum(axis=1)
+            if road == 'prototypes':
+                score, level = prototype_scores(means, presses, self.basis), np.zeros(n)
+            else:
+                score = support_scores(
+                    means, presses, self.noise, self.common, self.still_, self.metric_
+                )
+                level = self._level(presses)
             for label in np.unique(means.label).tolist():
                 best = score[:, means.label == label].min(axis=1)
                 cost = (best - level) / self.spare
@@ -426,11 +452,18 @@ class Recogniser:
         """Supports that prototypes were made from the last time, and they."""
         return []
 
+    def _level(self, presses: Presses) -> Array:
+        """Logarithm of the variance of repeated presses (n,)."""
+        noise = presses.variance(self.noise, self.still_)
+        return np.asarray(
+            np.log(noise + share_of(presses.pattern, self.metric_.share)).sum(axis=1)
+        )
+
     def chances(self, scores: Array, misfits: Array) -> tuple[Array, Array]:
         """Probabilities of classes, shape (n, k), and that it is none of them (n,)."""
         if not scores.shape[1]:
             return scores, np.ones(len(scores))
-        if not self.described:
+        if self.road_ in ('press_neighbours', 'prototypes') and not self.described:
             # nothing is known of how other shapes fit: the nearest class is named
             return class_chances(scores, np.zeros_like(misfits), 0.0, 1.0)
         return class_chances(scores, misfits, self.usual_, self.vary_)
