@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from tactile_ros.estimators.regression import fitted
+from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array, Bools, Integers, as_shape
 
 ONE_SIGMA = 0.6827
@@ -89,20 +90,13 @@ class CovarianceModel:
         readings = np.ascontiguousarray(readings, np.float64)
         if readings.shape[1:] != self.mean_.shape:
             readings = as_shape('readings of predict', readings, (-1, len(self.mean_)))
-        square = self._squared_distance(readings)
-        beyond = np.maximum(1.0, square / self.limit_**2)
-        sigma = self.scale_ * np.sqrt(beyond[:, None] * (1 + self.growth_ * square[:, None]))
+        square, sigma = np.empty(len(readings)), np.empty((len(readings), len(self.scale_)))
+        _distances(readings, self.mean_, self.whitening_, square)
+        _sigma_rows(square, self.limit_, self.scale_, self.growth_, sigma)
         if stated is None or stated.ndim == 2:
             sigma = sigma if stated is None else stated * sigma
             stated = self.correlation_
-        return stated * sigma[:, :, None] * sigma[:, None, :], beyond > 1.0
-
-    def _squared_distance(self, readings: Array) -> Array:
-        """Squared distance (s,) of readings (s, m); NaN counts as the mean."""
-        step = readings - self.mean_
-        step = np.where(np.isfinite(step), step, 0.0)
-        unit = np.einsum('ij,sj->si', self.whitening_, step)
-        return np.asarray(np.square(unit).sum(axis=1))
+        return stated * sigma[:, :, None] * sigma[:, None, :], square > self.limit_**2
 
     def _fit_distance(self, readings: Array) -> Array:
         """Learn the distance; return its square for each row (s,)."""
@@ -117,11 +111,35 @@ class CovarianceModel:
         shrink = 0.01 + width / (width + 10.0 * len(unit))
         shape = (1 - shrink) * (unit.T @ unit) / len(unit) + shrink * np.eye(width)
         self.whitening_ = np.linalg.inv(np.linalg.cholesky(shape)) * gain
-        square = self._squared_distance(readings)
+        square = np.empty(len(readings))
+        _distances(np.ascontiguousarray(readings), self.mean_, self.whitening_, square)
         norm = max(float(square.mean()), 1e-12)
         self.whitening_ /= math.sqrt(norm)
         self.limit_ = MARGIN * math.sqrt(max(float(square.max()) / norm, 1.0))
         return np.asarray(square / norm)
+
+
+@compiled
+def _distances(readings: Array, mean: Array, whitening: Array, square: Array) -> None:
+    """Write squared distances (s,) of readings (s, m); NaN counts as the mean."""
+    for s in range(len(square)):
+        square[s] = 0.0
+        for i in range(len(whitening)):
+            total = 0.0
+            for j in range(len(mean)):
+                step = readings[s, j] - mean[j]
+                if math.isfinite(step):
+                    total += whitening[i, j] * step
+            square[s] += total * total
+
+
+@compiled
+def _sigma_rows(square: Array, limit: float, scale: Array, growth: Array, sigma: Array) -> None:
+    """Write factors of sigma (s, l) at squared distances (s,)."""
+    for s in range(len(square)):
+        beyond = max(1.0, square[s] / limit**2)
+        for k in range(len(scale)):
+            sigma[s, k] = scale[k] * math.sqrt(beyond * (1.0 + growth[k] * square[s]))
 
 
 def _sigmas(stated: Array | None, shape: tuple[int, ...]) -> Array:

@@ -215,13 +215,18 @@ def _accumulate(
 ) -> None:  # fmt: skip
     """Add a weighted residual to the normal equations a, b, lower c with right sides gx, gp."""
     n, k = b.shape
-    used = np.flatnonzero(by_parameter[:k])
     for i in range(n):
         slope = w * by_state[i]
         if slope != 0.0:
             gx[i] += slope * residual
             for j in range(n):
                 a[i, j] += slope * by_state[j]
+    if k == 0:
+        return
+    used = np.flatnonzero(by_parameter)
+    for i in range(n):
+        slope = w * by_state[i]
+        if slope != 0.0:
             for t in used:
                 b[i, t] += slope * by_parameter[t]
     if c.shape[0] == 0:
@@ -296,17 +301,20 @@ def _descend(
         new = np.inf
         if _factor(system):
             _substitute(system, right)
+            gained = 0.0  # twice what the step promises
             for t in range(n):
+                gained += right[t, 0] * gx[t]
                 trial[free[t]] = x[free[t]] + right[t, 0]
+            if gained <= GAIN * (1e-3 + cost):
+                x[:] = trial
+                break
             new = _frame(
                 readings, answers, y, f, noise, answer_noise, prior, information, free, trial, p,
                 data, there, flat, square, slope, none,
             )  # fmt: skip
         if new <= cost:
-            gained, damping = cost - new, max(0.1 * damping, LEAST_DAMPING)
+            damping = max(0.1 * damping, LEAST_DAMPING)
             x[:], a[:], gx[:], cost = trial, there, slope, new
-            if gained <= GAIN * (1e-3 + cost):
-                break
         else:
             damping *= 10.0
             if damping > MOST_DAMPING:
@@ -439,17 +447,10 @@ def _carry(
     factor: Array, b: Array, by_state: Array, by_parameter: Array, root: Array, out: Array
 ) -> None:  # fmt: skip
     """Write the covariance (l, l) of quantities with slopes (l, n) and (l, k)."""
-    count, k = by_parameter.shape
+    count = by_parameter.shape[0]
     solved = by_state.T.copy()
     _substitute(factor, solved)
-    spread = np.zeros((count, k))
-    for i in range(count):
-        slope = by_parameter[i].copy()
-        for j in range(factor.shape[0]):
-            slope -= solved[j, i] * b[j]
-        for c in np.flatnonzero(slope):
-            for q in range(c + 1):
-                spread[i, q] += slope[c] * root[c, q]
+    spread = np.dot(by_parameter - np.dot(solved.T, b), root)
     for i in range(count):
         for j in range(i + 1):
             total = (by_state[i] * solved[:, j]).sum() + (spread[i] * spread[j]).sum()
@@ -487,6 +488,32 @@ def _posterior(
             by_state = by_state[:, free]
             _carry(a, b, by_state, by_parameter, root, covariance[s])
     return float(costs.sum())
+
+
+@compiled
+def nearest(readings: Array, ways: Array, seen: Array, found: Integers) -> None:
+    """Write the rows (s, q) of a table that read what is nearest to readings (s, m), best first.
+
+    `seen` (g, d) are the readings of the table projected by `ways` (m, d); NaN counts as 0.
+    """
+    point, size = np.empty(ways.shape[1]), np.empty(found.shape[1])
+    for s in range(len(readings)):
+        point[:], size[:], found[s] = 0.0, np.inf, 0
+        for m in range(ways.shape[0]):
+            if np.isfinite(readings[s, m]):
+                for d in range(point.size):
+                    point[d] += readings[s, m] * ways[m, d]
+        for g in range(len(seen)):
+            away = 0.0
+            for d in range(point.size):
+                away += (seen[g, d] - point[d]) ** 2
+            q = size.size
+            while q > 0 and away < size[q - 1]:
+                q -= 1
+                if q + 1 < size.size:
+                    size[q + 1], found[s, q + 1] = size[q], found[s, q]
+            if q < size.size:
+                size[q], found[s, q] = away, g
 
 
 def invert(model: ModelPrior, fit: Calibration, frames: Frames, starts: Array) -> Posterior:

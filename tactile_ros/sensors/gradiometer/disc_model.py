@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.estimators.model_inversion import ModelPrior
+from tactile_ros.estimators.model_inversion import FIXED, ModelPrior
 from tactile_ros.physics.compiled import compiled
 from tactile_ros.physics.field_table import SHAPE, disc_table, reach_under, table_point
 from tactile_ros.physics.magnetics import dipole_field
@@ -82,10 +82,13 @@ def turned(a: float, b: float, turn: Array) -> None:
 
 @compiled
 def disc_field(
-    apart: Array, turn: Array, table: Array, grid: Array, field: Array, slope: Array
-) -> None:
-    """Write the field (3,) of a turned disc at a point apart (3,) of it, and its slopes (3, 5)."""
-    own, half = np.zeros((3, 3)), np.empty((3, 3))
+    apart: Array, turn: Array, table: Array, grid: Array, field: Array, slope: Array, own: Array,
+    half: Array,
+) -> None:  # fmt: skip
+    """Write the field (3,) of a turned disc at a point apart (3,) of it, and its slopes (3, 5).
+
+    Intermediate matrices own and half (3, 3) are overwritten.
+    """
     x = turn[0, 0] * apart[0] + turn[1, 0] * apart[1] + turn[2, 0] * apart[2]
     y = turn[0, 1] * apart[0] + turn[1, 1] * apart[1] + turn[2, 1] * apart[2]
     z = turn[0, 2] * apart[0] + turn[1, 2] * apart[1] + turn[2, 2] * apart[2]
@@ -136,15 +139,17 @@ def disc_pose(part: int, x: Array, p: Array, data: Array, pose: Array, turn: Arr
 @compiled
 def pixel_seen(
     q: int, p: Array, data: Array, table: Array, pose: Array, turn: Array, seen: Array,
-    moved: Array,
+    moved: Array, apart: Array, field: Array, slope: Array, own: Array, half: Array,
 ) -> None:  # fmt: skip
-    """Write the disc's field at pixel q in axes of its chip (3,) (mT), and its slopes (3, 5)."""
+    """Write the disc's field at pixel q in axes of its chip (3,) (mT), and its slopes (3, 5).
+
+    The arrays from `apart` on hold intermediate values: to allocate them costs as much as the rest.
+    """
     pixels = int(data[COUNT])
     base, place, axes = PER_PIXEL * pixels, ARRAYS + 3 * q, ARRAYS + 3 * pixels + 9 * q
-    apart, field, slope = np.empty(3), np.empty(3), np.empty((3, 5))
     for i in range(3):
         apart[i] = 1e-3 * (data[place + i] + p[3 * q + i] - pose[i])
-    disc_field(apart, turn, table, data[GRID : GRID + 4], field, slope)
+    disc_field(apart, turn, table, data[GRID : GRID + 4], field, slope, own, half)
     strength = 1e3 * p[base + STRENGTH] * pose[5]
     for i in range(3):
         ax, ay, az = data[axes + i], data[axes + 3 + i], data[axes + 6 + i]
@@ -187,14 +192,14 @@ def by_shared(
 @compiled
 def channel_reading(
     part: int, m: int, x: Array, p: Array, data: Array, pose: Array, seen: Array, moved: Array,
-    out: Array, by_state: Array, by_parameter: Array,
+    d: Array, out: Array, by_state: Array, by_parameter: Array,
 ) -> None:  # fmt: skip
     """Add the reading of channel m now (part 0), or take off that at the tare, and its slopes."""
     pixels = int(data[COUNT])
     base, axes = PER_PIXEL * pixels, ARRAYS + 3 * pixels + 9 * (m // 2)
     i, j = 2 * (m % 2), 2 - 2 * (m % 2)
     gain, k1, k2 = p[3 * pixels + m], p[5 * pixels + m], p[7 * pixels + m]
-    drift, chip, d = p[11 * pixels + m], x[CHIP + part], np.empty(5)
+    drift, chip = p[11 * pixels + m], x[CHIP + part]
     sign = 1.0 - 2.0 * part
     own, other, third = seen[i], seen[j], seen[1]
     g = sign * pose[3] * gain
@@ -230,6 +235,8 @@ def disc_readings(
     first += channels * PATTERNS
     table = data[first : first + 2 * rows * columns].reshape(rows, columns, 2)
     pose, turn, seen, moved = np.empty(9), np.empty((3, 3)), np.empty(3), np.empty((3, 5))
+    apart, field, slope, d = np.empty(3), np.empty(3), np.empty((3, 5)), np.empty(5)
+    own, half = np.empty((3, 3)), np.empty((3, 3))
     for m in range(channels):
         out[m] = p[9 * pixels + m]
         by_parameter[m, 9 * pixels + m] = 1.0
@@ -239,11 +246,14 @@ def disc_readings(
     for part in range(int(data[PARTS])):
         disc_pose(part, x, p, data, pose, turn)
         for q in range(pixels):
-            pixel_seen(q, p, data, table, pose, turn, seen, moved)
+            pixel_seen(
+                q, p, data, table, pose, turn, seen, moved, apart, field, slope, own, half
+            )
             for c in range(2):
                 channel_reading(
-                    part, 2 * q + c, x, p, data, pose, seen, moved, out, by_state, by_parameter
-                )
+                    part, 2 * q + c, x, p, data, pose, seen, moved, d, out, by_state,
+                    by_parameter,
+                )  # fmt: skip
 
 
 @compiled
@@ -283,6 +293,34 @@ def disc_answers(
             by_state[f, LABEL] = out[f] / label
             by_parameter[f, base + SOFTER - SHARED] = out[f] * x[MAGNET] / soft
             by_parameter[f, base + BEND - SHARED] = out[f] * x[MAGNET] ** 2 / soft
+
+
+@compiled
+def prior_rows(
+    now: Array, then: Array, variance: Array, usual: Array, usual_noise: Array, spread: float,
+    thermal: bool, prior: Array, information: Array, noise: Array, free: Bools,
+) -> None:  # fmt: skip
+    """Write prior mean (0 before), inverse variance (s, 19) and noise (s, 2 t) of frames.
+
+    `now` (s, 4) are the chip's and the magnet's temperature with their sigmas, `then` (s,) both at
+    the tare, which differ by `spread` where it is NaN; `variance` (s,) is the tare's over a
+    frame's. `usual` (19,) is the inverse variance of the rest of the state. States that are
+    estimated in any frame become `free` (19,).
+    """
+    for s in range(len(prior)):
+        information[s] = usual
+        noise[s] = usual_noise * math.sqrt(1.0 + variance[s])
+        known = math.isfinite(then[s])
+        for part in range(2):
+            i, sigma = MAGNET if part == 0 else CHIP, now[s, 3 - 2 * part]
+            before = 0.0 if known else spread
+            prior[s, i], prior[s, i + 1] = now[s, 2 - 2 * part], then[s] if known else 0.0
+            if part == 0 and not thermal:
+                prior[s, i], prior[s, i + 1], sigma, before = 0.0, 0.0, 0.0, 0.0
+            information[s, i] = 1.0 / max(sigma, FIXED) ** 2
+            information[s, i + 1] = 1.0 / max(before, FIXED) ** 2
+            free[i] |= sigma > FIXED
+            free[i + 1] |= before > FIXED
 
 
 def readings_of(model: ModelPrior, parameters: Array, states: Array) -> tuple[Array, Array]:

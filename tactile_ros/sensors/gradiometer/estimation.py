@@ -10,6 +10,7 @@ are flagged and inverted once more with the patterns of one.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -18,7 +19,6 @@ import numpy as np
 import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.optimize import minimize_scalar
-from scipy.spatial import cKDTree
 from scipy.stats import chi2
 
 import tactile_ros.sensors.gradiometer.disc_model as disc
@@ -26,18 +26,21 @@ from tactile_ros.conditioning.baseline import training_baseline_variance
 from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.evidence import Influence, learn_noise
 from tactile_ros.estimators.model_inversion import (
+    FIXED,
     Calibration,
     Frames,
     ModelPrior,
     calibrate,
     invert,
+    nearest,
 )
 from tactile_ros.estimators.model_selection import held_out_report, select, spread_rows
 from tactile_ros.estimators.polynomial_force import PolynomialForce, ThermalPolynomial
 from tactile_ros.estimators.regression import Ridge
+from tactile_ros.physics.compiled import compiled
 from tactile_ros.physics.field_table import SHAPE
 from tactile_ros.physics.temperature import REMANENCE_SLOPE, hall_sensitivity
-from tactile_ros.sensors.gradiometer.temperature import Thermometer, mean_of
+from tactile_ros.sensors.gradiometer.temperature import Thermometer, drift_rows, mean_of
 from tactile_ros.sensors.gradiometer.twin import LEAST_NOISE, field_model, terms
 from tactile_ros.types import Array, Estimation, FrameStatus
 
@@ -107,8 +110,8 @@ class GradiometerEstimation(Estimation):
 
     def _take(self, fit: Calibration | None) -> None:
         """Keep a calibration, without the states of its frames; None: the prior's."""
-        vars(self).pop('model', None)
-        vars(self).pop('_starts', None)
+        for name in ('model', '_starts', '_usual_information', '_placed'):
+            vars(self).pop(name, None)
         prior = self.model
         if fit is None:
             covariance = np.diag(prior.parameter_sigma**2)
@@ -148,55 +151,56 @@ class GradiometerEstimation(Estimation):
         self, baseline: Array, reference_c: Array, temperature_c: Array | None
     ) -> Array:
         """Change of baselines by sensitivity and remanence, since they were read."""
-        if temperature_c is None:
-            return np.zeros_like(baseline)
-        now, then = mean_of(temperature_c), mean_of(reference_c)
-        ratio = self._sensitivity(temperature_c) / self._sensitivity(reference_c)
-        ratio = ratio * (1 + REMANENCE_SLOPE * (now - then))[:, None]
-        return baseline * np.where(np.isfinite(ratio), ratio - 1, 0.0)[..., None]
+        drift = np.zeros(baseline.shape)
+        if temperature_c is not None:
+            count = len(drift)
+            drift_rows(
+                np.ascontiguousarray(baseline).reshape(count, -1), mean_of(reference_c),
+                mean_of(temperature_c), self.config.sensitivity, *FOLLOWED,
+                drift.reshape(count, -1),
+            )  # fmt: skip
+        return drift
 
     def _sensitivity(self, chips: Array | None) -> Array:
         """Sensitivity (s, 1) of Hall elements at temperatures (s, t); 1 where none is known."""
         usual = np.full((1, 1), np.nan) if chips is None else chips
         return hall_sensitivity(mean_of(usual), self.config.sensitivity, FOLLOWED)[:, None]
 
-    def _temperatures(self, signals: Signals, memory: Array) -> tuple[Array, Array]:
-        """Prior mean and sigma (s, 4) of the temperatures in the state: magnet, chip."""
-        followed = self.thermometer_.follow(signals, memory)
-        mean, sigma = np.zeros((2, len(followed), 4))
-        mean[:, 0], mean[:, 2] = followed[:, 2], followed[:, 0]
-        sigma[:, 0], sigma[:, 2] = followed[:, 3], followed[:, 1]
-        usual = self.thermometer_.usual_
-        if self.tared_ and np.isfinite(usual):
-            chips = signals.rest_temperature_c
-            then = np.full(len(mean), np.nan) if chips is None else mean_of(chips) - usual
-            known = np.isfinite(then)
-            mean[:, 3] = mean[:, 1] = np.where(known, then, 0.0)
-            sigma[:, 3] = sigma[:, 1] = np.where(known, 0.0, self.thermometer_.spread_)
-        if not self.config.thermal_term:
-            mean[:, :2] = sigma[:, :2] = 0.0
-        return mean, sigma
+    @cached_property
+    def _usual_information(self) -> Array:
+        """Inverse variance (19,) of the state's prior, but for temperatures."""
+        sigma = self.model.state_sigma.copy()
+        hidden = disc.UNIFORM + np.flatnonzero(~self.measured)
+        sigma[hidden] = disc.CROSSED_FIELD * self.fields_known_
+        if not self.config.stray_term:
+            sigma[disc.UNIFORM : disc.MAGNET] = 0.0
+        return np.asarray(1 / np.maximum(sigma, FIXED) ** 2)
 
     def _frames(self, signals: Signals, memory: Array) -> Frames:
         """Changes of reading (mT) with the prior of each frame."""
-        count = len(signals.good)
+        count, thermometer, usual = len(signals.good), self.thermometer_, self._usual_information
         change = signals.values - signals.baseline if self.tared_ else signals.values
-        prior, sigma = np.zeros((count, disc.STATES)), np.empty((count, disc.STATES))
-        sigma[:] = self.model.state_sigma
-        hidden = disc.UNIFORM + np.flatnonzero(~self.measured)
-        sigma[:, hidden] = disc.CROSSED_FIELD * self.fields_known_
-        if not self.config.stray_term:
-            sigma[:, disc.UNIFORM : disc.MAGNET] = 0.0
-        rows = slice(disc.MAGNET, disc.LABEL)
-        prior[:, rows], sigma[:, rows] = self._temperatures(signals, memory)
-        noise = self.model.noise
+        now = thermometer.follow(signals, memory)
+        then, variance = np.full(count, np.nan), np.zeros(count)
+        spread = 0.0
+        if self.tared_ and np.isfinite(thermometer.usual_):
+            spread = thermometer.spread_
+            if signals.rest_temperature_c is not None:
+                then = mean_of(signals.rest_temperature_c) - thermometer.usual_
         if self.tared_ and signals.baseline_variance is not None:
-            noise = noise * np.sqrt(1 + signals.baseline_variance)[:, None]
-        return self.model.frames(change.reshape(count, -1) / disc.MT, prior, sigma, noise)
+            variance = signals.baseline_variance
+        prior, information = np.zeros((2, count, disc.STATES))
+        noise, free = np.empty((count, len(self.model.noise))), usual < FIXED**-2
+        disc.prior_rows(
+            now, then, variance, usual, self.model.noise, spread, self.config.thermal_term, prior,
+            information, noise, free,
+        )  # fmt: skip
+        readings = change.reshape(count, -1) / disc.MT
+        return Frames(readings, prior, information, noise, np.flatnonzero(free))
 
     @cached_property
-    def _starts(self) -> tuple[Array, cKDTree, Array]:
-        """States (g, 19) where descents may start, a tree of what they read, its projection."""
+    def _starts(self) -> tuple[Array, Array, Array]:
+        """States (g, 19) where descents may start, what they read, projected, and the projection."""
         model, gap = self.model, self.config.gap / disc.MM
         side, depth = np.linspace(-0.5, 0.5, 9) * gap, np.linspace(-0.75, 0.05, 9) * gap
         places = np.stack(np.meshgrid(side, side, depth, indexing='ij'), axis=-1).reshape(-1, 3)
@@ -206,7 +210,7 @@ class GradiometerEstimation(Estimation):
         ways = disc.difference_basis(slopes[0], self.measured)
         if not self.config.stray_term or ways.shape[1] < 3:
             ways = np.eye(len(model.noise))
-        return states, cKDTree(read @ ways), ways
+        return states, read @ ways, ways
 
     @cached_property
     def measured(self) -> Bools:
@@ -216,13 +220,11 @@ class GradiometerEstimation(Estimation):
 
     def invert(self, frames: Frames, count: int = 1) -> Posterior:
         """States and answers from the best of so many starts."""
-        states, tree, ways = self._starts
-        # a row at a time: the same bits alone and among others
-        known = np.where(np.isfinite(frames.readings), frames.readings, 0.0)
-        near = tree.query(np.matmul(known[:, None], ways)[:, 0], k=np.arange(1, count + 1))[1]
-        starts = states[near]
-        fixed = slice(disc.TILT, None)
-        starts[:, :, fixed] = frames.prior[:, None, fixed]
+        states, seen, ways = self._starts
+        found = np.empty((len(frames.readings), count), np.int64)
+        nearest(frames.readings, ways, seen, found)
+        starts = states[found]
+        starts[:, :, disc.TILT :] = frames.prior[:, None, disc.TILT :]
         return invert(self.model, self.fit_, frames, starts)
 
     def contact_from_sensor(self, signals: Signals) -> npt.NDArray[np.int8]:
@@ -559,16 +561,17 @@ class GradiometerEstimation(Estimation):
 
     def _reject(self, known: Columns, answers: Array, covariance: Array, asked: Bools) -> Bools:
         """Make answers NaN in rows where they cannot be; `valid` is False where none is left."""
-        variance = np.einsum('sii->si', covariance)
-        wrong = (variance > self.largest_**2) | ~(np.abs(answers) <= FARTHEST * self.largest_)
-        lost = np.zeros_like(wrong)
-        for _, own, _ in self._components:
-            lost[:, own] = (wrong[:, own].any(axis=1) & asked)[:, None]
-        answers[lost] = np.nan
-        rows, columns = np.nonzero(lost)
-        covariance[rows, columns] = covariance[rows, :, columns] = np.nan
-        known['valid'] = ~(lost | ~np.isfinite(answers)).all(axis=1)
-        return np.asarray(lost.any(axis=1))
+        valid, lost = np.empty((2, len(answers)), bool)
+        reject_rows(answers, covariance, self.largest_, self._placed[0], asked, valid, lost)
+        known['valid'] = valid
+        return lost
+
+    @cached_property
+    def _placed(self) -> tuple[Integers, Integers]:
+        """Targets (l,), in the order of their first answers, and components (l,) of answers."""
+        names = list(dict.fromkeys(str(one) for one, _ in self.answers_))
+        target = [names.index(str(one)) for one, _ in self.answers_]
+        return np.array(target, np.int64), np.array([axis for _, axis in self.answers_], np.int64)
 
     @property
     def _components(self) -> Iterator[tuple[str, Integers, Integers]]:
@@ -579,11 +582,13 @@ class GradiometerEstimation(Estimation):
 
     def _spell(self, known: Columns, answers: Array, covariance: Array) -> None:
         """Spread answers (s, l) over the targets' components, NaN where never learned."""
-        for name, own, axes in self._components:
-            known[name] = np.full((len(answers), 3), np.nan)
-            known[f'{name}_cov'] = np.full((len(answers), 3, 3), np.nan)
-            known[name][:, axes] = answers[:, own]
-            known[f'{name}_cov'][:, axes[:, None], axes] = covariance[:, own[:, None], own]
+        names = list(dict.fromkeys(str(one) for one, _ in self.answers_))
+        target, axis = self._placed
+        mean = np.full((len(names), len(answers), 3), np.nan)
+        spread = np.full((len(names), len(answers), 3, 3), np.nan)
+        spell_rows(answers, covariance, target, axis, mean, spread)
+        for name, own, one in zip(names, mean, spread, strict=True):
+            known[name], known[f'{name}_cov'] = own, one
 
     # -- report ------------------------------------------------------------------------------
 
@@ -639,6 +644,43 @@ class GradiometerEstimation(Estimation):
         if not still:
             said.append('gains and crossed axes beside forces: no rest in known fields')
         self.report_ |= {f'not told: {one}': {} for one in said}
+
+
+@compiled
+def reject_rows(
+    answers: Array, covariance: Array, largest: Array, target: Integers, asked: Bools,
+    valid: Bools, lost: Bools,
+) -> None:  # fmt: skip
+    """Make answers (s, l) of a target NaN where one cannot be, in rows that are asked (s,).
+
+    Rows with an answer left are `valid` (s,), with one taken away `lost` (s,).
+    """
+    count = len(largest)
+    for s in range(len(answers)):
+        valid[s] = lost[s] = False
+        wrong = np.zeros(count, np.bool_)
+        for i in range(count):
+            beyond = not abs(answers[s, i]) <= FARTHEST * largest[i]
+            if asked[s] and (beyond or covariance[s, i, i] > largest[i] ** 2):
+                wrong[target[i]] = True
+        for i in range(count):
+            if wrong[target[i]]:
+                answers[s, i], lost[s] = np.nan, True
+                covariance[s, i], covariance[s, :, i] = np.nan, np.nan
+            valid[s] |= math.isfinite(answers[s, i])
+
+
+@compiled
+def spell_rows(
+    answers: Array, covariance: Array, target: Integers, axis: Integers, mean: Array, spread: Array
+) -> None:
+    """Write answers (s, l) as components of their targets (k, s, 3), with covariances."""
+    for s in range(len(answers)):
+        for i in range(len(target)):
+            mean[target[i], s, axis[i]] = answers[s, i]
+            for j in range(len(target)):
+                if target[i] == target[j]:
+                    spread[target[i], s, axis[i], axis[j]] = covariance[s, i, j]
 
 
 SATURATED, STRAY_FIELD = np.int64(FrameStatus.SATURATED), np.int64(FrameStatus.STRAY_FIELD)

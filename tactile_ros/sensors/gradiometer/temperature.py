@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.physics.compiled import compiled
+from tactile_ros.physics.temperature import REMANENCE_SLOPE, hall_ratio
 
 if TYPE_CHECKING:
     from tactile_ros.types import Array, Bools, Signals
@@ -154,9 +155,31 @@ def chip_temperature(signals: Signals) -> Array:
 
 def mean_of(chips: Array) -> Array:
     """Mean (s,) of those of (s, t) that are finite, NaN where none is."""
-    known = np.isfinite(chips)
-    if np.count_nonzero(known) == chips.size > 0:
-        return np.asarray(np.add.reduce(chips, axis=1) / chips.shape[1])
-    count = known.sum(axis=1)
-    total = np.where(known, chips, 0.0).sum(axis=1)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    mean = np.empty(len(chips))
+    _means(np.ascontiguousarray(chips), mean)
+    return mean
+
+
+@compiled
+def _means(chips: Array, mean: Array) -> None:
+    for s in range(len(chips)):
+        total = count = 0.0
+        for one in chips[s]:
+            if math.isfinite(one):
+                total, count = total + one, count + 1.0
+        mean[s] = total / count if count > 0 else np.nan
+
+
+@compiled
+def drift_rows(
+    baseline: Array, then_c: Array, now_c: Array, sensitivity: Array, low: float, high: float,
+    drift: Array,
+) -> None:  # fmt: skip
+    """Write changes (s, n) of baselines read at temperatures then (s,) until now (s,)."""
+    for s in range(len(drift)):
+        now, then = now_c[s], then_c[s]
+        ratio = hall_ratio(now, sensitivity, low, high) / hall_ratio(then, sensitivity, low, high)
+        ratio *= 1.0 + REMANENCE_SLOPE * (now - then)
+        share = ratio - 1.0 if math.isfinite(ratio) else 0.0
+        for i in range(drift.shape[1]):
+            drift[s, i] = share * baseline[s, i]
