@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from copy import deepcopy
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -78,8 +78,12 @@ PARTS = ('config', 'layout', 'rest_', 'estimation', 'left_out_', 'reference_')
 TARED = ('rest_/baseline.', 'rest_/temperature_c.')  # what a tare changes
 # as no other dimension is likely to be: an array of a wrong shape must not fit by chance
 REFERENCES = 13
+UP = np.array([[[0.0, 0.0, 1.0]]])  # normal of a patch
 SAME = 1e-9  # of the largest entry of a column
 WARM_C, HOT_C = 30.0, 200.0  # the second beyond those of any fit
+
+
+Number = TypeVar('Number', np.uint8, np.float64)
 
 
 class Pipeline:
@@ -232,19 +236,24 @@ class Pipeline:
 
     def _frame_readings(self, frame: Frame) -> tuple[Array, Bytes, Array | None]:
         """Readings, bits and chip temperatures of a frame, as a batch of one."""
-        columns: list[npt.NDArray[np.generic] | None] = []
-        taxels = self.layout.shape[0]
-        for name, value, kind in (
-            ('status', frame.status, np.uint8),
-            ('temperature_c', frame.temperature_c, np.float64),
-        ):
-            column = None if value is None else np.array(value, kind)  # a copy: the state keeps it
-            if column is not None and column.shape != (taxels,):
-                msg = f'{name} of Frame must have shape ({taxels},); received {column.shape}'
-                raise ValueError(msg)
-            columns.append(None if column is None else column[None])
+        status = self._per_taxel('status', frame.status, np.uint8)
+        chips = self._per_taxel('temperature_c', frame.temperature_c, np.float64)
         values = np.asarray(frame.values, np.float64)[None]
-        return *self._readings(values, columns[0], self.rest_.dead), columns[1]  # type: ignore[arg-type, return-value]
+        return *self._readings(values, status, self.rest_.dead), chips
+
+    def _per_taxel(
+        self, name: str, value: npt.NDArray[Number] | None, kind: type[Number]
+    ) -> npt.NDArray[Number] | None:
+        """Copy of a frame's column, shape (1, t); ValueError if it has another."""
+        if value is None:
+            return None
+        column = np.array(value, kind)
+        if column.shape != self.layout.shape[:1]:
+            msg = (
+                f'{name} of Frame must have shape {self.layout.shape[:1]}; received {column.shape}'
+            )
+            raise ValueError(msg)
+        return column[None]
 
     def _follow(
         self,
@@ -350,7 +359,9 @@ class Pipeline:
                     msg = 'it failed in the live run'
                     raise ArithmeticError(msg)  # noqa: TRY301
                 contact = self.estimation.contact_from_sensor(part)
-                known = self.estimation.estimate(replace(part, in_contact=contact), stream.memory)
+                if contact is not part.in_contact:
+                    part = replace(part, in_contact=contact)
+                known = self.estimation.estimate(part, stream.memory)
                 parts.append({**known, 'in_contact': contact})
                 size *= 2
             except Exception as error:
@@ -379,9 +390,10 @@ class Pipeline:
         missing = (0 if self.calibrated else NOT_CALIBRATED) | (
             0 if self.rest_.tared else NO_BASELINE
         )
-        flags = np.full(len(bits), missing, np.int64)
-        if 'status' in known:
-            flags |= known['status'].astype(np.int64)
+        own = known.get('status')
+        flags = np.zeros(len(bits), np.int64) if own is None else own.astype(np.int64)
+        if missing:
+            flags |= missing
         if np.count_nonzero(bits):
             flags |= frame_faults(bits)
         # good readings without the baseline that they need say nothing: their change is NaN
@@ -681,7 +693,7 @@ def add_patches(known: Columns, number: Integers) -> None:
     if 'contacts_id' in known or not ('position' in known or 'force' in known):
         return
     known['contacts_id'] = number[:, None]
-    normal = np.repeat([[[0.0, 0.0, 1.0]]], len(number), axis=0)
+    normal = np.repeat(UP, len(number), axis=0)
     columns = {'normal': normal} | {
         name: known[name][:, None]
         for name in ('position', 'position_cov', 'force', 'force_cov')

@@ -14,7 +14,8 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.conditioning.contact import ContactIds, calm_factor, contact_scale, excursion
+from tactile_ros.conditioning.contact import ContactIds, calm_factor, contact_rows, contact_scale
+from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array, Bools, Integers, Recording, plausible_temperature
 
 PERIOD_NS, GAIN = 1_000_000_000, 0.25  # of a block; step towards the mean of one at rest
@@ -71,14 +72,9 @@ class BaselineTracker:
         """Add frames of the running block."""
         self._count += len(block)
         if self._quiet:
-            near = np.abs(block - self.baseline)[:, :, self._judged] <= scale
-            self._quiet = np.count_nonzero(near) == near.size
-        if self._quiet:
-            finite = np.isfinite(block)
-            self._finite = self._finite + np.count_nonzero(finite, axis=0)
-            block = np.where(finite, block, 0.0)
-            # row by row onto the total, so that pieces of a stream sum as the whole does
-            self._total = np.add.reduce(np.concatenate([self._total[None], block]), axis=0)
+            self._quiet = _gather_rows(
+                np.ascontiguousarray(block), self.baseline, scale, self._total, self._finite
+            )
 
     def _close(self) -> None:
         """End the running block: follow if it was at rest."""
@@ -89,6 +85,24 @@ class BaselineTracker:
             if self.variance:
                 self.variance = (1 - GAIN) ** 2 * self.variance + GAIN**2 / self._count
         self._count = 0
+
+
+@compiled
+def _gather_rows(
+    block: Array, baseline: Array, scale: Array, total: Array, finite: Integers
+) -> bool:
+    """Add frames (s, t, c) to the sums and counts (t, c) until one is not at rest."""
+    for s in range(len(block)):
+        for t in range(scale.shape[0]):
+            for c in range(scale.shape[1]):
+                if not abs(block[s, t, c] - baseline[t, c]) <= scale[t, c]:
+                    return False
+        for t in range(total.shape[0]):
+            for c in range(total.shape[1]):
+                if np.isfinite(block[s, t, c]):
+                    total[t, c] += block[s, t, c]
+                    finite[t, c] += 1
+    return True
 
 
 def tare_runs(tare: Bools, restarts: Bools) -> tuple[Integers, Integers]:
@@ -322,11 +336,11 @@ class Rest:
         """Contact (s,) of deviations (s, t, c): 1, 0, or -1 in rows not `good`; tare rows: 0."""
         if not self.tared:
             return np.full(len(delta), -1, np.int8)
-        size = excursion(delta, self.scale)
-        contact = (size > 1.0).astype(np.int8)
+        contact = np.empty(len(delta), np.int8)
+        size, readings = np.empty(len(delta)), np.ascontiguousarray(delta)
+        contact_rows(readings, self.scale, good, size, contact)
         if tare is not None:
-            contact[tare] = 0
-        contact[~(good & (size >= 0))] = -1  # NaN too
+            contact[tare & (contact > 0)] = 0
         return contact
 
 

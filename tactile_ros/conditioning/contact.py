@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array, Bools, Integers
 
 SIGMAS = 5.0
@@ -51,9 +52,27 @@ def calm_factor(calm: Array | None, firm: Array, scale: Array) -> float:
 
 def excursion(delta: Array, scale: Array) -> Array:
     """Largest deviation (s,) of frames (s, t, c) over the threshold (t, c); NaN: unknown."""
-    size = delta / scale
-    np.abs(size, out=size)
-    return np.asarray(np.maximum.reduce(size.reshape(len(size), scale.size), axis=1))
+    size = np.empty(len(delta))
+    contact_rows(
+        np.ascontiguousarray(delta), scale, np.ones(len(delta), bool), size,
+        np.empty(len(delta), np.int8),
+    )  # fmt: skip
+    return size
+
+
+@compiled
+def contact_rows(
+    delta: Array, scale: Array, good: Bools, size: Array, contact: npt.NDArray[np.int8]
+) -> None:
+    """Write excursions (s,), and contact (s,): 1, 0, or -1 in rows not `good` and unknown."""
+    for s in range(len(delta)):
+        size[s] = 0.0
+        for t in range(scale.shape[0]):
+            for c in range(scale.shape[1]):
+                one = abs(delta[s, t, c] / scale[t, c])
+                if not one <= size[s]:  # NaN stays
+                    size[s] = one if size[s] >= 0.0 else size[s]
+        contact[s] = np.int8(size[s] > 1.0) if good[s] and size[s] >= 0.0 else np.int8(-1)
 
 
 class ContactIds:

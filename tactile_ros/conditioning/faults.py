@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array, Bools, Bytes, FrameStatus, Integers, Layout, TaxelStatus
 
 # no tare may take a frame with a bad taxel (one that the fit found dead is left out), nor one of
@@ -12,6 +13,10 @@ from tactile_ros.types import Array, Bools, Bytes, FrameStatus, Integers, Layout
 DAMAGED = int(FrameStatus.BAD_TAXELS)
 SAYS_NOTHING = np.uint8(TaxelStatus.STALE | TaxelStatus.DEAD)
 
+SATURATED, ERROR, DEAD = (
+    np.uint8(bit) for bit in (TaxelStatus.SATURATED, TaxelStatus.ERROR, TaxelStatus.DEAD)
+)
+NO_LIMIT = np.empty(0)
 UNUSABLE = np.uint8(
     TaxelStatus.SATURATED
     | TaxelStatus.STUCK
@@ -27,22 +32,28 @@ def taxel_faults(values: Array, status: Bytes | None, layout: Layout) -> Bytes:
     ERROR where a reading is not finite, SATURATED where one reached the layout's limit, DEAD where
     a chip of several axes reads a field of exactly 0, from which noise keeps one that lives.
     """
-    size = np.abs(values)
-    limit = np.inf if layout.saturation is None else layout.saturation
+    bits = np.zeros(values.shape[:2], np.uint8) if status is None else np.array(status, np.uint8)
+    limit = NO_LIMIT if layout.saturation is None else layout.saturation
     axes = layout.unit == 'T' and values.shape[-1] > 1
-    # false for NaN too, so that the common case costs a pass or two
-    if np.count_nonzero(size < limit) == size.size and not (
-        axes and np.count_nonzero(size) < size.size
-    ):
-        clean = np.zeros(values.shape[:2], np.uint8)
-        return clean if status is None else status
-    clipped = (size >= limit).any(axis=-1)
-    lost = ~np.isfinite(values).all(axis=-1)
-    bits = clipped * np.uint8(TaxelStatus.SATURATED) | lost * np.uint8(TaxelStatus.ERROR)
-    if axes:
-        silent = (size == 0).all(axis=-1)
-        bits = bits | silent * np.uint8(TaxelStatus.DEAD)
-    return np.asarray(bits if status is None else bits | status, np.uint8)
+    _fault_rows(np.ascontiguousarray(values), limit, axes, bits)
+    return bits
+
+
+@compiled
+def _fault_rows(values: Array, limit: Array, axes: bool, bits: Bytes) -> None:
+    """Add what readings show to bits; chips of several `axes` that read 0 are dead."""
+    for s in range(values.shape[0]):
+        for t in range(values.shape[1]):
+            silent = axes
+            for c in range(values.shape[2]):
+                size = abs(values[s, t, c])
+                silent &= size == 0.0
+                if not np.isfinite(size):
+                    bits[s, t] |= ERROR
+                if limit.size > 0 and size >= limit[c]:
+                    bits[s, t] |= SATURATED
+            if silent:
+                bits[s, t] |= DEAD
 
 
 def without_faults(values: Array, bits: Bytes) -> Array:

@@ -215,18 +215,13 @@ def _accumulate(
 ) -> None:  # fmt: skip
     """Add a weighted residual to the normal equations a, b, lower c with right sides gx, gp."""
     n, k = b.shape
+    used = np.flatnonzero(by_parameter[:k])
     for i in range(n):
         slope = w * by_state[i]
         if slope != 0.0:
             gx[i] += slope * residual
             for j in range(n):
                 a[i, j] += slope * by_state[j]
-    if k == 0:
-        return
-    used = np.flatnonzero(by_parameter)
-    for i in range(n):
-        slope = w * by_state[i]
-        if slope != 0.0:
             for t in used:
                 b[i, t] += slope * by_parameter[t]
     if c.shape[0] == 0:

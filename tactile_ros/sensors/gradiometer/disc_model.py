@@ -143,7 +143,7 @@ def pixel_seen(
 ) -> None:  # fmt: skip
     """Write the disc's field at pixel q in axes of its chip (3,) (mT), and its slopes (3, 5).
 
-    The arrays from `apart` on hold intermediate values: to allocate them costs as much as the rest.
+    Arrays from `apart` on hold intermediate values: to allocate them costs as much as the rest.
     """
     pixels = int(data[COUNT])
     base, place, axes = PER_PIXEL * pixels, ARRAYS + 3 * q, ARRAYS + 3 * pixels + 9 * q
@@ -246,9 +246,7 @@ def disc_readings(
     for part in range(int(data[PARTS])):
         disc_pose(part, x, p, data, pose, turn)
         for q in range(pixels):
-            pixel_seen(
-                q, p, data, table, pose, turn, seen, moved, apart, field, slope, own, half
-            )
+            pixel_seen(q, p, data, table, pose, turn, seen, moved, apart, field, slope, own, half)
             for c in range(2):
                 channel_reading(
                     part, 2 * q + c, x, p, data, pose, seen, moved, d, out, by_state,

@@ -39,7 +39,7 @@ from tactile_ros.estimators.polynomial_force import PolynomialForce, ThermalPoly
 from tactile_ros.estimators.regression import Ridge
 from tactile_ros.physics.compiled import compiled
 from tactile_ros.physics.field_table import SHAPE
-from tactile_ros.physics.temperature import REMANENCE_SLOPE, hall_sensitivity
+from tactile_ros.physics.temperature import hall_sensitivity
 from tactile_ros.sensors.gradiometer.temperature import Thermometer, drift_rows, mean_of
 from tactile_ros.sensors.gradiometer.twin import LEAST_NOISE, field_model, terms
 from tactile_ros.types import Array, Estimation, FrameStatus
@@ -110,7 +110,7 @@ class GradiometerEstimation(Estimation):
 
     def _take(self, fit: Calibration | None) -> None:
         """Keep a calibration, without the states of its frames; None: the prior's."""
-        for name in ('model', '_starts', '_usual_information', '_placed'):
+        for name in ('model', '_starts', '_usual_information', '_placed', '_least_covariance'):
             vars(self).pop(name, None)
         prior = self.model
         if fit is None:
@@ -200,7 +200,7 @@ class GradiometerEstimation(Estimation):
 
     @cached_property
     def _starts(self) -> tuple[Array, Array, Array]:
-        """States (g, 19) where descents may start, what they read, projected, and the projection."""
+        """States (g, 19) where descents may start, their projected readings, the projection."""
         model, gap = self.model, self.config.gap / disc.MM
         side, depth = np.linspace(-0.5, 0.5, 9) * gap, np.linspace(-0.75, 0.05, 9) * gap
         places = np.stack(np.meshgrid(side, side, depth, indexing='ij'), axis=-1).reshape(-1, 3)
@@ -230,11 +230,13 @@ class GradiometerEstimation(Estimation):
     def contact_from_sensor(self, signals: Signals) -> npt.NDArray[np.int8]:
         """Contact (s,); frames without times touch where the disc surely tells a load."""
         # streams are left as they are: there baselines drift, and elastomers creep after a press
+        if signals.stamp_ns is not None or not self.answers_:
+            return signals.in_contact
         contact = signals.in_contact.copy()
         rows = contact == 0
         if signals.tare is not None:
             rows &= ~signals.tare
-        if signals.stamp_ns is not None or not self.answers_ or not np.count_nonzero(rows):
+        if not rows.any():
             return contact
         frames = self._frames(signals, self.start()).of(np.flatnonzero(rows))
         found = invert(self.model, self.fit_, frames, frames.prior[:, None])
@@ -499,12 +501,7 @@ class GradiometerEstimation(Estimation):
         known: Columns = {'stray_field': field}
         status = status | flags | self._unusual_temperature(signals) * OUT_OF_RANGE
         if self.answers_:
-            still = signals.in_contact == 0
-            if np.count_nonzero(still):  # 0 is answered: what was estimated is the error of that
-                hidden = np.where(still[:, None], answers, 0.0)
-                covariance = covariance + hidden[:, :, None] * hidden[:, None]
-            status = status | self._reject(known, answers, covariance, ~still) * ABSTAINED
-            self._spell(known, answers, covariance)
+            status = status | self._spell(known, answers, covariance, signals) * ABSTAINED
         known['status'] = status
         return known
 
@@ -530,11 +527,16 @@ class GradiometerEstimation(Estimation):
             flags[rows] |= ~better * STRAY_FIELD
         if self.covariance_ is not None:
             # smooth functions of the place are no better than references are taken to be
-            covariance = covariance + np.diag((disc.LEAST_NOISE * self.spread_) ** 2)
+            covariance = covariance + self._least_covariance
             covariance, beyond = self.covariance_.predict(covariance, self._drivers(states))
             flags |= (beyond & (signals.in_contact != 0)) * OUT_OF_RANGE
         field = disc.MT * states[:, disc.UNIFORM : disc.MAGNET]
         return answers, covariance, np.where(self.measured, field, np.nan), flags
+
+    @cached_property
+    def _least_covariance(self) -> Array:
+        """Covariance (l, l) that every answer has."""
+        return np.diag((disc.LEAST_NOISE * self.spread_) ** 2)
 
     def _regress(self, signals: Signals) -> tuple[Array, Array, Array, Integers]:
         """Answers, covariances, stray field and flags by a regressor."""
@@ -559,36 +561,40 @@ class GradiometerEstimation(Estimation):
         chip = mean_of(signals.temperature_c)
         return np.asarray((chip < low - LEAST_RANGE) | (chip > high + LEAST_RANGE))
 
-    def _reject(self, known: Columns, answers: Array, covariance: Array, asked: Bools) -> Bools:
-        """Make answers NaN in rows where they cannot be; `valid` is False where none is left."""
-        valid, lost = np.empty((2, len(answers)), bool)
-        reject_rows(answers, covariance, self.largest_, self._placed[0], asked, valid, lost)
-        known['valid'] = valid
-        return lost
-
     @cached_property
-    def _placed(self) -> tuple[Integers, Integers]:
-        """Targets (l,), in the order of their first answers, and components (l,) of answers."""
+    def _placed(self) -> tuple[list[str], Integers, Integers]:
+        """Names of targets (k,), and target and component (l,) of every answer."""
         names = list(dict.fromkeys(str(one) for one, _ in self.answers_))
-        target = [names.index(str(one)) for one, _ in self.answers_]
-        return np.array(target, np.int64), np.array([axis for _, axis in self.answers_], np.int64)
+        place = [(names.index(str(one)), int(axis)) for one, axis in self.answers_]
+        target, axis = np.array(place, np.int64).reshape(-1, 2).T
+        return names, np.ascontiguousarray(target), np.ascontiguousarray(axis)
 
     @property
     def _components(self) -> Iterator[tuple[str, Integers, Integers]]:
         """Targets with the numbers of their answers, and the components that these are."""
-        for name in dict.fromkeys(str(one) for one, _ in self.answers_):
-            own = [i for i, (one, _) in enumerate(self.answers_) if one == name]
-            yield name, np.array(own), np.array([int(self.answers_[i][1]) for i in own])
+        names, target, axis = self._placed
+        for number, name in enumerate(names):
+            own = np.flatnonzero(target == number)
+            yield name, own, axis[own]
 
-    def _spell(self, known: Columns, answers: Array, covariance: Array) -> None:
-        """Spread answers (s, l) over the targets' components, NaN where never learned."""
-        names = list(dict.fromkeys(str(one) for one, _ in self.answers_))
-        target, axis = self._placed
-        mean = np.full((len(names), len(answers), 3), np.nan)
-        spread = np.full((len(names), len(answers), 3, 3), np.nan)
-        spell_rows(answers, covariance, target, axis, mean, spread)
+    def _spell(self, known: Columns, answers: Array, covariance: Array, signals: Signals) -> Bools:
+        """Spread answers (s, l) over the targets' components, NaN where never learned.
+
+        Rows in which an answer cannot be, and is NaN, are returned; where none is left `valid` is
+        False.
+        """
+        count, (names, target, axis) = len(answers), self._placed
+        mean = np.full((len(names), count, 3), np.nan)
+        spread = np.full((len(names), count, 3, 3), np.nan)
+        valid, lost = np.empty((2, count), bool)
+        answer_rows(
+            answers, covariance, signals.in_contact, self.largest_, target, axis, mean, spread,
+            valid, lost,
+        )  # fmt: skip
         for name, own, one in zip(names, mean, spread, strict=True):
             known[name], known[f'{name}_cov'] = own, one
+        known['valid'] = valid
+        return lost
 
     # -- report ------------------------------------------------------------------------------
 
@@ -647,40 +653,34 @@ class GradiometerEstimation(Estimation):
 
 
 @compiled
-def reject_rows(
-    answers: Array, covariance: Array, largest: Array, target: Integers, asked: Bools,
-    valid: Bools, lost: Bools,
+def answer_rows(
+    answers: Array, covariance: Array, contact: npt.NDArray[np.int8], largest: Array,
+    target: Integers, axis: Integers, mean: Array, spread: Array, valid: Bools, lost: Bools,
 ) -> None:  # fmt: skip
-    """Make answers (s, l) of a target NaN where one cannot be, in rows that are asked (s,).
+    """Write answers (s, l) as components of targets (k, s, 3), with covariances (k, s, 3, 3).
 
-    Rows with an answer left are `valid` (s,), with one taken away `lost` (s,).
+    In touched rows no component of a target is written where one cannot be: such rows are `lost`
+    (s,), those with an answer left `valid` (s,). In untouched rows, contact 0, 0 will be answered:
+    what was estimated is the error of that, and its square belongs to the covariance.
     """
-    count = len(largest)
+    wrong = np.empty(len(mean), np.bool_)
     for s in range(len(answers)):
-        valid[s] = lost[s] = False
-        wrong = np.zeros(count, np.bool_)
-        for i in range(count):
-            beyond = not abs(answers[s, i]) <= FARTHEST * largest[i]
-            if asked[s] and (beyond or covariance[s, i, i] > largest[i] ** 2):
-                wrong[target[i]] = True
-        for i in range(count):
-            if wrong[target[i]]:
-                answers[s, i], lost[s] = np.nan, True
-                covariance[s, i], covariance[s, :, i] = np.nan, np.nan
-            valid[s] |= math.isfinite(answers[s, i])
-
-
-@compiled
-def spell_rows(
-    answers: Array, covariance: Array, target: Integers, axis: Integers, mean: Array, spread: Array
-) -> None:
-    """Write answers (s, l) as components of their targets (k, s, 3), with covariances."""
-    for s in range(len(answers)):
+        still = contact[s] == 0
+        valid[s] = lost[s] = wrong[:] = False
         for i in range(len(target)):
+            beyond = not abs(answers[s, i]) <= FARTHEST * largest[i]
+            beyond |= covariance[s, i, i] > largest[i] ** 2
+            wrong[target[i]] |= beyond and not still
+        for i in range(len(target)):
+            if wrong[target[i]]:
+                lost[s] = True
+                continue
             mean[target[i], s, axis[i]] = answers[s, i]
+            valid[s] |= math.isfinite(answers[s, i])
             for j in range(len(target)):
                 if target[i] == target[j]:
-                    spread[target[i], s, axis[i], axis[j]] = covariance[s, i, j]
+                    hidden = answers[s, i] * answers[s, j] if still else 0.0
+                    spread[target[i], s, axis[i], axis[j]] = covariance[s, i, j] + hidden
 
 
 SATURATED, STRAY_FIELD = np.int64(FrameStatus.SATURATED), np.int64(FrameStatus.STRAY_FIELD)
