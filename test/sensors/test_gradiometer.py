@@ -446,8 +446,8 @@ def test_light_touches_are_told_from_rest_at_any_temperature() -> None:
     for depth, contact in ((0.0, 0), (3e-5, 1)):
         shift[pressed, 2] = -depth
         light = world().recorded(shift, 3, scene).select(pressed)
-        signals = dataclasses.replace(
-            signals_of(light.values, light.temperature_c, None), baseline=pipeline.baseline[None],
-            rest_temperature_c=lesson.temperature_c[lesson.tare].mean(axis=0)[None],
-        )  # fmt: skip
+        rest = pipeline.baseline, lesson.temperature_c[lesson.tare].mean(axis=0)
+        base, then = (np.repeat(one[None], len(light), axis=0) for one in rest)
+        signals = signals_of(light.values, light.temperature_c, None)
+        signals = dataclasses.replace(signals, baseline=base, rest_temperature_c=then)
         assert (pipeline.estimation.contact_from_sensor(signals) == contact).all()
