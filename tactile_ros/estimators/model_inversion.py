@@ -46,8 +46,8 @@ class ModelPrior:
     """Forward models with the priors of state and parameters.
 
     A model is ``function(state (n,), parameters (k,), data, out (m,), by_state (m, n),
-    by_parameter (m, k))``, compiled, and writes its outputs and both Jacobians; the Jacobians come
-    with zeros.
+    by_parameter (m, k))``, compiled, and writes its outputs and both Jacobians, which come with
+    zeros. Where nobody asks for the second it has no rows and must not be written.
     """
 
     readings: Model  # m of them
@@ -214,8 +214,8 @@ def _accumulate(
     gx: Array, gp: Array,
 ) -> None:  # fmt: skip
     """Add a weighted residual to the normal equations a, b, lower c with right sides gx, gp."""
-    n, k = b.shape
-    used = np.flatnonzero(by_parameter[:k])
+    n = len(b)
+    used = np.flatnonzero(by_parameter)
     for i in range(n):
         slope = w * by_state[i]
         if slope != 0.0:
@@ -243,7 +243,7 @@ def _frame(
 
     Of a b without columns, and a c without rows, nothing is written.
     """
-    n, k = free.size, p.size
+    n, k, asked, unused = free.size, p.size, b.shape[1] > 0, np.empty(0)
     cost = 0.0
     a[:], b[:], gx[:] = 0.0, 0.0, 0.0
     for t in range(n):
@@ -258,7 +258,7 @@ def _frame(
         if m == 0:
             continue
         out, residual, weight = np.empty(m), np.empty(m), np.empty(m)
-        by_state, by_parameter = np.zeros((m, x.size)), np.zeros((m, k))
+        by_state, by_parameter = np.zeros((m, x.size)), np.zeros((m if asked else 0, k))
         if part == 0:
             call_model(readings, x, p, data, out, by_state, by_parameter)
             cost += _weigh(values, out, sigma, np.inf, residual, weight)
@@ -270,7 +270,8 @@ def _frame(
                 by_state[i, t] = by_state[i, free[t]]
         for i in range(m):
             if weight[i] != 0.0:
-                _accumulate(residual[i], weight[i], by_state[i], by_parameter[i], a, b, c, gx, gp)
+                slope = by_parameter[i] if asked else unused
+                _accumulate(residual[i], weight[i], by_state[i], slope, a, b, c, gx, gp)
     return cost
 
 
@@ -442,14 +443,13 @@ def _carry(
     factor: Array, b: Array, by_state: Array, by_parameter: Array, root: Array, out: Array
 ) -> None:  # fmt: skip
     """Write the covariance (l, l) of quantities with slopes (l, n) and (l, k)."""
-    count = by_parameter.shape[0]
     solved = by_state.T.copy()
     _substitute(factor, solved)
     spread = np.dot(by_parameter - np.dot(solved.T, b), root)
-    for i in range(count):
+    by_noise, by_fit = np.dot(by_state, solved), np.dot(spread, spread.T)
+    for i in range(len(out)):
         for j in range(i + 1):
-            total = (by_state[i] * solved[:, j]).sum() + (spread[i] * spread[j]).sum()
-            out[i, j] = out[j, i] = total
+            out[i, j] = out[j, i] = by_noise[i, j] + by_fit[i, j]
 
 
 @compiled

@@ -101,10 +101,13 @@ def lagrange(u: float) -> tuple[float, ...]:
 
 @compiled
 def table_point(
-    x: float, y: float, z: float, table: Array, grid: Array
+    square: float, height: float, table: Array, grid: Array
 ) -> tuple[float, float, float, float, float, float]:
-    """Radial field over distance and axial field; their slopes over the distance, and depth."""
-    p, q = (x * x + y * y) / grid[0] + 1, (-z - grid[1]) / grid[2]
+    """Radial field over distance and axial field; their slopes over the distance, and height.
+
+    The point is at a squared distance from the axis of a disc, and a height over its centre.
+    """
+    p, q = square / grid[0] + 1, (-height - grid[1]) / grid[2]
     i = min(max(math.floor(p) - 1, 0), table.shape[0] - 4)
     j = min(max(math.floor(q) - 1, 0), table.shape[1] - 4)
     wi, wj = lagrange(p - i - 1), lagrange(q - j - 1)
@@ -132,7 +135,7 @@ def table_field(own: Array, table: Array, grid: Array, field: Array) -> None:
     """Write the field (n, 3) of a disc of 1 T at points (n, 3) in its own axes (m)."""
     for n in range(len(own)):
         x, y = own[n, 0], own[n, 1]
-        point = table_point(x, y, own[n, 2], table, grid)
+        point = table_point(x * x + y * y, own[n, 2], table, grid)
         field[n, 0], field[n, 1], field[n, 2] = point[0] * x, point[0] * y, point[1]
 
 

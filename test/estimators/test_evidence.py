@@ -35,7 +35,9 @@ def weighted(
         for i in range(x.size):
             k = f * x.size + i
             out[f] += p[k] * x[i]
-            by_state[f, i], by_parameter[f, k] = p[k], x[i]
+            by_state[f, i] = p[k]
+            if len(by_parameter) > 0:
+                by_parameter[f, k] = x[i]
 
 
 def problem(stated: float) -> tuple[ModelPrior, np.ndarray, np.ndarray]:

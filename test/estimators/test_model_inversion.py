@@ -41,7 +41,8 @@ def linear(
     for m in range(out.size):
         out[m] = ROWS[m, 0] * x[0] + ROWS[m, 1] * x[1] + (m % 3) * p[0]
         by_state[m, 0], by_state[m, 1] = ROWS[m, 0], ROWS[m, 1]
-        by_parameter[m, 0] = m % 3
+        if len(by_parameter) > 0:
+            by_parameter[m, 0] = m % 3
 
 
 @compiled
@@ -55,7 +56,8 @@ def gains(
         by_state[m, 0] = p[m] * (ROWS[m, 0] + 0.2 * x[1])
         by_state[m, 1] = p[m] * (ROWS[m, 1] + 0.2 * x[0])
         by_state[m, 2] = 1.0
-        by_parameter[m, m] = signal
+        if len(by_parameter) > 0:
+            by_parameter[m, m] = signal
 
 
 @compiled
@@ -64,7 +66,9 @@ def slope(
 ) -> None:
     """Answer that is proportional to the first state."""
     out[0] = p[6] * x[0]
-    by_state[0, 0], by_parameter[0, 6] = p[6], x[0]
+    by_state[0, 0] = p[6]
+    if len(by_parameter) > 0:
+        by_parameter[0, 6] = x[0]
 
 
 @compiled

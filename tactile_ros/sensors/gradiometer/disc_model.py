@@ -66,45 +66,21 @@ TILT_OFF, CROSSED_FIELD, LABEL_OFF = 1e-3, 1.0, 2e-3
 
 
 @compiled
-def turned(a: float, b: float, turn: Array) -> None:
-    """Rotation (3, 3) by turns about x and y (rad)."""
-    angle = math.hypot(a, b)
-    half = 0.5 * angle
-    sine = math.sin(angle) / angle if angle > 0 else 1.0
-    share = math.sin(half) / half if angle > 0 else 1.0
-    versine = 0.5 * share * share
-    turn[0, 0], turn[1, 1] = 1 - versine * b * b, 1 - versine * a * a
-    turn[2, 2] = math.cos(angle)
-    turn[0, 1] = turn[1, 0] = versine * a * b
-    turn[0, 2], turn[2, 0] = sine * b, -sine * b
-    turn[1, 2], turn[2, 1] = -sine * a, sine * a
-
-
-@compiled
 def disc_field(
-    apart: Array, turn: Array, table: Array, grid: Array, field: Array, slope: Array, own: Array,
-    half: Array,
-) -> None:  # fmt: skip
-    """Write the field (3,) of a turned disc at a point apart (3,) of it, and its slopes (3, 5).
-
-    Intermediate matrices own and half (3, 3) are overwritten.
-    """
-    x = turn[0, 0] * apart[0] + turn[1, 0] * apart[1] + turn[2, 0] * apart[2]
-    y = turn[0, 1] * apart[0] + turn[1, 1] * apart[1] + turn[2, 1] * apart[2]
-    z = turn[0, 2] * apart[0] + turn[1, 2] * apart[1] + turn[2, 2] * apart[2]
-    f, g, fs, gs, fz, gz = table_point(x, y, z, table, grid)
-    own[0, 0], own[1, 1] = f + x * x * fs, f + y * y * fs
-    own[0, 1] = own[1, 0] = x * y * fs
-    own[0, 2], own[1, 2], own[2, 0], own[2, 1], own[2, 2] = x * fz, y * fz, x * gs, y * gs, gz
-    for i in range(3):
-        field[i] = turn[i, 0] * f * x + turn[i, 1] * f * y + turn[i, 2] * g
-        for k in range(3):
-            half[i, k] = turn[i, 0] * own[0, k] + turn[i, 1] * own[1, k] + turn[i, 2] * own[2, k]
-    for i in range(3):
-        for k in range(3):
-            slope[i, k] = -(
-                half[i, 0] * turn[k, 0] + half[i, 1] * turn[k, 1] + half[i, 2] * turn[k, 2]
-            )
+    apart: Array, axis: Array, table: Array, grid: Array, field: Array, slope: Array
+) -> None:
+    """Write the field (3,) of a disc at a point apart (3,) of it, and its slopes (3, 5)."""
+    height = axis[0] * apart[0] + axis[1] * apart[1] + axis[2] * apart[2]
+    x, y = apart[0] - height * axis[0], apart[1] - height * axis[1]
+    z = apart[2] - height * axis[2]
+    f, g, fs, gs, fz, gz = table_point(x * x + y * y + z * z, height, table, grid)
+    for i, across in enumerate((x, y, z)):
+        field[i] = f * across + g * axis[i]
+        radial, axial = fs * across + gs * axis[i], fz * across + (gz - f) * axis[i]
+        slope[i, 0] = -(radial * x + axial * axis[0])
+        slope[i, 1] = -(radial * y + axial * axis[1])
+        slope[i, 2] = -(radial * z + axial * axis[2])
+        slope[i, i] -= f
     slope[0, 3], slope[1, 3], slope[2, 3] = 0.0, -field[2], field[1]
     slope[0, 4], slope[1, 4], slope[2, 4] = field[2], 0.0, -field[0]
     for i in range(3):
@@ -113,8 +89,8 @@ def disc_field(
 
 
 @compiled
-def disc_pose(part: int, x: Array, p: Array, data: Array, pose: Array, turn: Array) -> None:
-    """Write what holds for all pixels now (part 0) or at the tare (1): centre, turn, strengths."""
+def disc_pose(part: int, x: Array, p: Array, data: Array, pose: Array, axis: Array) -> None:
+    """Write what holds for all pixels now (part 0) or at the tare (1): centre, axis, strengths."""
     base = PER_PIXEL * int(data[COUNT])
     now = 1.0 - part
     magnet, chip = x[MAGNET + part], x[CHIP + part]
@@ -122,11 +98,11 @@ def disc_pose(part: int, x: Array, p: Array, data: Array, pose: Array, turn: Arr
     radius = dx * dx + dy * dy
     course = 1.0 + p[base + DEEPER] * dz + p[base + WIDER] * radius
     lean = p[base + LEAN] * course
-    turned(
-        p[base + LEVEL] - lean * dy + now * x[3],
-        p[base + LEVEL + 1] + lean * dx + now * x[4],
-        turn,
-    )
+    a = p[base + LEVEL] - lean * dy + now * x[3]
+    b = p[base + LEVEL + 1] + lean * dx + now * x[4]
+    angle = math.hypot(a, b)
+    sine = math.sin(angle) / angle if angle > 0 else 1.0
+    axis[0], axis[1], axis[2] = sine * b, -sine * a, math.cos(angle)
     pose[0], pose[1] = dx + p[base + REST], dy + p[base + REST + 1]
     pose[2] = dz + p[base + GAP] + p[base + RISE] * magnet + 0.5e3 * data[HEIGHT]
     linear, curve = data[HALL + 1] + p[base + SENSITIVITY], data[HALL + 2] + p[base + CURVE]
@@ -138,8 +114,8 @@ def disc_pose(part: int, x: Array, p: Array, data: Array, pose: Array, turn: Arr
 
 @compiled
 def pixel_seen(
-    q: int, p: Array, data: Array, table: Array, pose: Array, turn: Array, seen: Array,
-    moved: Array, apart: Array, field: Array, slope: Array, own: Array, half: Array,
+    q: int, p: Array, data: Array, table: Array, pose: Array, axis: Array, seen: Array,
+    moved: Array, apart: Array, field: Array, slope: Array,
 ) -> None:  # fmt: skip
     """Write the disc's field at pixel q in axes of its chip (3,) (mT), and its slopes (3, 5).
 
@@ -149,7 +125,7 @@ def pixel_seen(
     base, place, axes = PER_PIXEL * pixels, ARRAYS + 3 * q, ARRAYS + 3 * pixels + 9 * q
     for i in range(3):
         apart[i] = 1e-3 * (data[place + i] + p[3 * q + i] - pose[i])
-    disc_field(apart, turn, table, data[GRID : GRID + 4], field, slope, own, half)
+    disc_field(apart, axis, table, data[GRID : GRID + 4], field, slope)
     strength = 1e3 * p[base + STRENGTH] * pose[5]
     for i in range(3):
         ax, ay, az = data[axes + i], data[axes + 3 + i], data[axes + 6 + i]
@@ -167,6 +143,16 @@ def by_shared(
     """Add slopes of a channel by the disc: d (5,) by place and tilt, `disc` is its reading."""
     base, q = PER_PIXEL * int(data[COUNT]), m // 2
     magnet, lean, course = x[MAGNET + part], pose[6], pose[7]
+    by_state[m, MAGNET + part] = disc * p[base + WEAKER] / pose[5] + d[2] * p[base + RISE]
+    sideways = d[4] * x[0] - d[3] * x[1]
+    bend = sideways * p[base + LEAN]
+    if part == 0:
+        by_state[m, 0] = d[0] + d[4] * lean + 2 * x[0] * bend * p[base + WIDER]
+        by_state[m, 1] = d[1] - d[3] * lean + 2 * x[1] * bend * p[base + WIDER]
+        by_state[m, 2] = d[2] + bend * p[base + DEEPER]
+        by_state[m, 3], by_state[m, 4] = d[3], d[4]
+    if len(by_parameter) == 0:
+        return
     for i in range(3):
         by_parameter[m, 3 * q + i] -= d[i]
     for i in range(2):
@@ -176,17 +162,10 @@ def by_shared(
     by_parameter[m, base + RISE] += d[2] * magnet
     by_parameter[m, base + STRENGTH] += disc / p[base + STRENGTH]
     by_parameter[m, base + WEAKER] += disc * magnet / pose[5]
-    by_state[m, MAGNET + part] = disc * p[base + WEAKER] / pose[5] + d[2] * p[base + RISE]
     if part == 0:
-        sideways = d[4] * x[0] - d[3] * x[1]
-        bend = sideways * p[base + LEAN]
         by_parameter[m, base + LEAN] = sideways * course
         by_parameter[m, base + DEEPER] = bend * x[2]
         by_parameter[m, base + WIDER] = bend * pose[8]
-        by_state[m, 0] = d[0] + d[4] * lean + 2 * x[0] * bend * p[base + WIDER]
-        by_state[m, 1] = d[1] - d[3] * lean + 2 * x[1] * bend * p[base + WIDER]
-        by_state[m, 2] = d[2] + bend * p[base + DEEPER]
-        by_state[m, 3], by_state[m, 4] = d[3], d[4]
 
 
 @compiled
@@ -213,12 +192,13 @@ def channel_reading(
     whole = own + k1 * other + k2 * third
     out[m] += g * whole + sign * drift * chip
     by_state[m, CHIP + part] = sign * (pose[4] * gain * whole + drift)
-    by_parameter[m, 3 * pixels + m] += sign * pose[3] * whole
-    by_parameter[m, 5 * pixels + m] += g * other
-    by_parameter[m, 7 * pixels + m] += g * third
-    by_parameter[m, 11 * pixels + m] += sign * chip
-    by_parameter[m, base + SENSITIVITY] += sign * chip * gain * whole
-    by_parameter[m, base + CURVE] += sign * chip * chip * gain * whole
+    if len(by_parameter) > 0:
+        by_parameter[m, 3 * pixels + m] += sign * pose[3] * whole
+        by_parameter[m, 5 * pixels + m] += g * other
+        by_parameter[m, 7 * pixels + m] += g * third
+        by_parameter[m, 11 * pixels + m] += sign * chip
+        by_parameter[m, base + SENSITIVITY] += sign * chip * gain * whole
+        by_parameter[m, base + CURVE] += sign * chip * chip * gain * whole
     for k in range(5):
         d[k] = g * (moved[i, k] + k1 * moved[j, k] + k2 * moved[1, k])
     by_shared(part, m, x, p, data, pose, d, g * disc, by_state, by_parameter)
@@ -234,19 +214,19 @@ def disc_readings(
     patterns = data[first : first + channels * PATTERNS].reshape(channels, PATTERNS)
     first += channels * PATTERNS
     table = data[first : first + 2 * rows * columns].reshape(rows, columns, 2)
-    pose, turn, seen, moved = np.empty(9), np.empty((3, 3)), np.empty(3), np.empty((3, 5))
+    pose, axis, seen, moved = np.empty(9), np.empty(3), np.empty(3), np.empty((3, 5))
     apart, field, slope, d = np.empty(3), np.empty(3), np.empty((3, 5)), np.empty(5)
-    own, half = np.empty((3, 3)), np.empty((3, 3))
     for m in range(channels):
         out[m] = p[9 * pixels + m]
-        by_parameter[m, 9 * pixels + m] = 1.0
+        if len(by_parameter) > 0:
+            by_parameter[m, 9 * pixels + m] = 1.0
         for k in range(PATTERNS):
             out[m] += patterns[m, k] * x[NEAR + k]
             by_state[m, NEAR + k] = patterns[m, k]
     for part in range(int(data[PARTS])):
-        disc_pose(part, x, p, data, pose, turn)
+        disc_pose(part, x, p, data, pose, axis)
         for q in range(pixels):
-            pixel_seen(q, p, data, table, pose, turn, seen, moved, apart, field, slope, own, half)
+            pixel_seen(q, p, data, table, pose, axis, seen, moved, apart, field, slope)
             for c in range(2):
                 channel_reading(
                     part, 2 * q + c, x, p, data, pose, seen, moved, d, out, by_state,
@@ -277,7 +257,8 @@ def disc_answers(
         if f < loads:
             scale *= soft * label
         side, deep, around = power[0, a + 1] * power[1, b + 1], power[2, c + 1], power[3, r + 1]
-        by_parameter[f, q] += scale * side * deep * around
+        if len(by_parameter) > 0:
+            by_parameter[f, q] += scale * side * deep * around
         weight = scale * p[q]
         out[f] += weight * side * deep * around
         weight /= unit
@@ -289,6 +270,7 @@ def disc_answers(
         if f < loads:
             by_state[f, MAGNET] = out[f] * (softer + 2 * bend * x[MAGNET]) / soft
             by_state[f, LABEL] = out[f] / label
+        if f < loads and len(by_parameter) > 0:
             by_parameter[f, base + SOFTER - SHARED] = out[f] * x[MAGNET] / soft
             by_parameter[f, base + BEND - SHARED] = out[f] * x[MAGNET] ** 2 / soft
 
@@ -323,10 +305,9 @@ def prior_rows(
 
 def readings_of(model: ModelPrior, parameters: Array, states: Array) -> tuple[Array, Array]:
     """Readings (s, 2 t) (mT) of states (s, 19) and their slopes (s, 2 t, 19)."""
-    count = len(model.noise)
+    count, unused = len(model.noise), np.empty((0, len(parameters)))
     read, slopes = np.empty((len(states), count)), np.zeros((len(states), count, STATES))
     for state, out, slope in zip(states, read, slopes, strict=True):
-        unused = np.zeros((count, len(parameters)))
         disc_readings(state, parameters, model.data, out, slope, unused)
     return read, slopes
 
