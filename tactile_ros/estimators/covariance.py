@@ -123,14 +123,12 @@ class CovarianceModel:
 def _distances(readings: Array, mean: Array, whitening: Array, square: Array) -> None:
     """Write squared distances (s,) of readings (s, m); NaN counts as the mean."""
     for s in range(len(square)):
-        square[s] = 0.0
-        for i in range(len(whitening)):
-            total = 0.0
-            for j in range(len(mean)):
-                step = readings[s, j] - mean[j]
-                if math.isfinite(step):
-                    total += whitening[i, j] * step
-            square[s] += total * total
+        step = readings[s] - mean
+        for j in range(len(step)):
+            if not math.isfinite(step[j]):
+                step[j] = 0.0
+        unit = np.dot(whitening, step)
+        square[s] = np.dot(unit, unit)
 
 
 @compiled
