@@ -22,7 +22,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import PolynomialFeatures, StandardScaler
 
 from benchmarks.harness.rows import BenchResult, Row, frame_us, within
-from tactile_ros.evaluation.metrics import ONE_SIGMA, target_errors
+from tactile_ros.evaluation.metrics import LEAST_TOUCH, ONE_SIGMA, target_errors, times_of
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Array, Bools, Recording
@@ -36,6 +36,7 @@ BRIEF = ('place', 'shear')  # of a quick run, the first split of each
 PRESSES, PRESS_S = (12, 24, 48, 96, 192), 6.0  # of a hand that follows a guide
 PUBLISHED = {'place': 0.5, 'normal': 0.27, 'shear': 0.12}
 PERIOD_NS = 100_000_000
+UNLOADED = 0.05  # N
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,8 @@ def run(extent: str, command: str) -> BenchResult:
         times = _times(fits[0], taken[0].test)
         rows += _rows(taken, tried, times)
         shares += _coverage(taken, fits)
+        if kind in ('normal', 'shear'):
+            shares += _touch(taken, fits)
         name = f'{taken[0].name}, {fits[0].estimators[taken[0].target]}'
         shares += [
             Row(f'{name}: fit', 's', float(np.mean([one.seconds for one in tried])), aim=30.0),
@@ -273,6 +276,29 @@ def _coverage(splits: list[Split], fits: list[Pipeline]) -> list[Row]:
         what = f'{split.name}{which}: inside one sigma, off 68.3 ({worst.groups} groups)'
         rows.append(Row(what, 'points', off, bound=0.0, aim=accepted))
     return rows
+
+
+def _touch(splits: list[Split], fits: list[Pipeline]) -> list[Row]:
+    """Frames without a load told as touch, touches found, and the longest wait for a release."""
+    found: list[tuple[float, float, float]] = []
+    for split, pipeline in zip(splits, fits, strict=True):
+        test, told = split.test, pipeline.process_batch(split.test).in_contact == 1
+        load = np.abs(test.truth['force'][:, split.columns[0]].astype(float))
+        load[test.tare] = np.nan
+        calm, firm = load < UNLOADED, load > LEAST_TOUCH
+        known = np.flatnonzero(calm | firm)
+        begins = known[1:][calm[known[1:]] & firm[known[:-1]]]
+        over = np.append(~told | firm | test.tare, True)
+        last = [int(begin + np.argmax(over[begin:])) for begin in begins]
+        wait = times_of(test)[np.minimum(last, len(test) - 1)] - times_of(test)[begins]
+        found.append((100 * told[calm].mean(), 100 * told[firm].mean(), wait.max()))
+    wrong, right, waits = zip(*found, strict=True)
+    name = splits[0].name
+    return [
+        Row.mean(f'{name}: told as touch below {UNLOADED:g} N', '%', wrong, aim=1.0),
+        Row.mean(f'{name}: touch found above {LEAST_TOUCH:g} N', '%', right, 'high', aim=99.0),
+        Row(f'{name}: longest wait for a release', 's', max(waits), aim=0.2),
+    ]
 
 
 def _times(pipeline: Pipeline, test: Recording) -> tuple[float, float]:

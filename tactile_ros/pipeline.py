@@ -362,7 +362,7 @@ class Pipeline:
                 if contact is not part.in_contact:
                     part = replace(part, in_contact=contact)
                 known = self.estimation.estimate(part, stream.memory)
-                parts.append({**known, 'in_contact': contact})
+                parts.append({'in_contact': contact, **known})
                 size *= 2
             except Exception as error:
                 if strict or isinstance(error, MemoryError):

@@ -25,10 +25,12 @@ from tactile_ros.estimators.regression import (
     Ridge,
     Standardisation,
     fitted,
+    group_folds,
     spread_out,
 )
 from tactile_ros.estimators.slip_detector import FEWEST, SlipDetector
 from tactile_ros.types import Estimation, FrameStatus
+from tactile_ros.types.recording import CALM
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -64,6 +66,8 @@ PLACE = 1e-5
 MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
 ROUNDING = 1e-9  # of the largest reading: what moves less is a constant
 BLOCK = 1024  # rows whose history stays in the cache
+SOFT = 2.0  # width of a step, over the lightest load that counts
+BEYOND_CALM = 2.0  # of the largest change without a load: what changes more is a touch
 OUT_OF_RANGE = np.int64(FrameStatus.OUT_OF_RANGE)
 
 
@@ -325,16 +329,59 @@ class Vote:
         return np.where(measured, self.classes_[best], -1), shares[np.arange(len(x)), best]
 
 
+class Touch:
+    """Touch, told from a soft step of the load that is regressed from the change and its history.
+
+    A skin that creeps back deviates as much as a light touch; its fading means tell them apart.
+    Twice what was ever seen without a load is a touch whatever they say.
+    """
+
+    step_: KernelRidge
+    calm_: Array  # (n,) largest change of the readings without a load (unit of x)
+    report_: dict[str, float]  # held-out shares of calm and of touched rows told as touch
+
+    def fit(self, x: Array, load: Array, groups: Integers, channels: int) -> Touch:
+        """Learn from features (s, d), those of the readings first, and loads (s,) (N)."""
+        light = 2 * CALM * float(load.max())
+        calm, firm = load <= light / 2, load >= light
+        self.report_ = {}
+        fold = group_folds(np.unique(groups, return_inverse=True)[1].reshape(-1), MOST_FOLDS, 0)
+        if fold.any():
+            told = np.zeros(len(x), bool)
+            for held in (fold == part for part in range(fold.max() + 1)):
+                self._learn(x[~held], load[~held] / light, calm[~held], channels)
+                told[held] = self.predict(x[held])
+            self.report_ = {
+                'held_out_false': float(told[calm].mean()),
+                'held_out_found': float(told[firm].mean()),
+            }
+        return self._learn(x, load / light, calm, channels)
+
+    def _learn(self, x: Array, load: Array, calm: Bools, channels: int) -> Touch:
+        """Learn from loads (s,) over the lightest that counts."""
+        self.calm_ = np.abs(x[calm, :channels]).max(axis=0, initial=0.0)
+        self.step_ = KernelRidge(length=0.4, linear=1.0, strengths=(1e-6,))
+        self.step_.fit(x, np.tanh(load / SOFT)[:, None])
+        return self
+
+    def predict(self, x: Array) -> Bools:
+        """Touch (s,) of features (s, d)."""
+        beyond = np.abs(x[:, : len(self.calm_)]) > BEYOND_CALM * self.calm_
+        return beyond.any(axis=1) | (self.step_.predict(x)[:, 0] > math.tanh(1 / SOFT))
+
+
 class Regression(Estimation):
     """Regressors of a sensor of so many channels, each for components of one target.
 
     `estimator` is one of `ESTIMATORS`; None: the best of them on held-out groups. Classes are
     voted where it is None or 'grid_knn'. With `flags_range` touched frames whose readings are
     beyond those of the fit have the status OUT_OF_RANGE: not for sensors whose taxels are touched
-    a few at a time, since their readings have no spread in common.
+    a few at a time, since their readings have no spread in common. With `learns_touch` a force
+    over time teaches to tell a light touch from a skin that creeps back.
     """
 
     flags_range: ClassVar[bool] = False
+    learns_touch: ClassVar[bool] = False
 
     def __init__(
         self, config: SensorConfig, estimator: str | None = None, channels: int = 3
@@ -343,6 +390,7 @@ class Regression(Estimation):
         self.estimator = estimator
         self.heads_: tuple[Head, ...] = ()
         self.remembering_: tuple[Head, ...] = ()
+        self.touch_: Touch | None = None
         self.votes_: tuple[Vote, ...] = ()
         self.turn_: Head | None = None
         self.slip_: SlipDetector | None = None
@@ -360,6 +408,7 @@ class Regression(Estimation):
         """Errors on held-out groups for each target, and how often votes are right."""
         found = {head.title: head.report_ for head in self.heads_}
         found |= {f'{head.title}_with_history': head.report_ for head in self.remembering_}
+        found |= {} if self.touch_ is None else {'in_contact': self.touch_.report_}
         found |= {} if self.slip_ is None else {'slip': self.slip_.report_}
         found |= {} if self.turn_ is None else {'yaw': self.turn_.report_}
         return found | {vote.target: vote.report_ for vote in self.votes_}
@@ -398,6 +447,9 @@ class Regression(Estimation):
                         heads[stamped] += (head,)
         self.heads_, self.remembering_ = heads[False], heads[True]
         vars(self).pop('_best', None)
+        self.touch_ = None
+        if past is not None and self.learns_touch:
+            self._fit_touch(past[:, :-1], signals, truth, group)
         self._fit_classes(signals, truth, group)
         yaw = np.asarray(truth.get('yaw', np.full(len(now), np.nan)), np.float64)
         rows, self.turn_ = signals.good & np.isfinite(yaw), None
@@ -405,6 +457,17 @@ class Regression(Estimation):
             y = np.column_stack([np.cos(yaw[rows]), np.sin(yaw[rows])])  # without a seam
             head = Head('yaw', (0, 1), self.estimator, self.width)
             self.turn_ = head.fit(now[rows], y, group[rows], session[rows], rest[rows])
+
+    def _fit_touch(self, x: Array, signals: Signals, truth: Columns, group: Integers) -> None:
+        """Learn touch where true forces are told with and without a load."""
+        force = np.asarray(truth.get('force', np.full((len(x), 3), np.nan)), np.float64)
+        load = np.linalg.norm(np.nan_to_num(force), axis=1)
+        rows = signals.good & np.isfinite(force).any(axis=1)
+        if signals.tare is not None:
+            rows &= ~signals.tare
+        calm = load[rows] <= CALM * load[rows].max(initial=0.0)
+        if min(calm.sum(), (~calm).sum()) >= FEWEST_ROWS:
+            self.touch_ = Touch().fit(x[rows], load[rows], group[rows], self.width)
 
     def _fit_classes(self, signals: Signals, truth: Columns, group: Integers) -> None:
         """Learn votes for cells and labels, and slip, where enough rows have them."""
@@ -437,13 +500,17 @@ class Regression(Estimation):
             if head.target not in known:
                 known[head.target] = np.full((len(now), 3), np.nan)
                 known[f'{head.target}_cov'] = np.full((len(now), 3, 3), np.nan)
-        beyond = np.zeros(len(now), bool)
+        beyond, contact = np.zeros(len(now), bool), signals.in_contact.copy()
         for i in range(0, len(now), BLOCK):
             block = slice(i, i + BLOCK)
             past = None
             if signals.stamp_ns is not None and self.remembering_:
                 stamps, restart = signals.stamp_ns[block], signals.restart[block]
                 past = self._with_history(now[block], stamps, restart, memory)
+            if past is not None and self.touch_ is not None:
+                contact[block] = np.where(
+                    contact[block] < 0, -1, self.touch_.predict(past[:, :-1])
+                )
             for head in self._in_use(signals.stamp_ns is not None):
                 x = past if past is not None and head in self.remembering_ else now[block]
                 mean, cov, far = head.predict(x, rest[block])
@@ -453,7 +520,10 @@ class Regression(Estimation):
                 beyond[block] |= far
         self._add_classes(known, now, rest)
         if self.flags_range and np.count_nonzero(beyond):
-            known['status'] = (beyond & (signals.in_contact != 0)) * OUT_OF_RANGE
+            known['status'] = (beyond & (contact != 0)) * OUT_OF_RANGE
+        if self.touch_ is not None:
+            contact[np.zeros(len(contact), bool) if signals.tare is None else signals.tare] = 0
+            known['in_contact'] = contact
         return known
 
     def _add_classes(self, known: Columns, now: Array, rest: Array) -> None:
@@ -524,7 +594,7 @@ def places_of(plane: Array) -> Integers | None:
 
 
 CLASSES = (
-    Regression, Head, Vote, RestingState, SlipDetector, CovarianceModel,
+    Regression, Head, Touch, Vote, RestingState, SlipDetector, CovarianceModel,
     Standardisation, *map(type, methods().values()),
 )  # fmt: skip
 

@@ -21,9 +21,10 @@ from tactile_ros.sensors.reskin_board.twin import NOISE, ReskinBoardConnection, 
 
 
 class BoardRegression(Regression):
-    """Regression that flags readings beyond those of its fit."""
+    """Regression that flags readings beyond its fit, and learns to tell touch from creep."""
 
     flags_range = True
+    learns_touch = True
 
 
 SENSOR = SensorSpec(
