@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from copy import deepcopy
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -81,9 +81,6 @@ REFERENCES = 13
 UP = np.array([[[0.0, 0.0, 1.0]]])  # normal of a patch
 SAME = 1e-9  # of the largest entry of a column
 WARM_C, HOT_C = 30.0, 200.0  # the second beyond those of any fit
-
-
-Number = TypeVar('Number', np.uint8, np.float64)
 
 
 class Pipeline:
@@ -236,24 +233,15 @@ class Pipeline:
 
     def _frame_readings(self, frame: Frame) -> tuple[Array, Bytes, Array | None]:
         """Readings, bits and chip temperatures of a frame, as a batch of one."""
-        status = self._per_taxel('status', frame.status, np.uint8)
-        chips = self._per_taxel('temperature_c', frame.temperature_c, np.float64)
+        taxels, status, chips = self.layout.shape[:1], frame.status, frame.temperature_c
+        for name, column in (('status', status), ('temperature_c', chips)):
+            if column is not None and np.shape(column) != taxels:
+                msg = f'{name} of Frame must have shape {taxels}; received {np.shape(column)}'
+                raise ValueError(msg)
         values = np.asarray(frame.values, np.float64)[None]
+        status = None if status is None else np.array(status, np.uint8)[None]
+        chips = None if chips is None else np.array(chips, np.float64)[None]
         return *self._readings(values, status, self.rest_.dead), chips
-
-    def _per_taxel(
-        self, name: str, value: npt.NDArray[Number] | None, kind: type[Number]
-    ) -> npt.NDArray[Number] | None:
-        """Copy of a frame's column, shape (1, t); ValueError if it has another."""
-        if value is None:
-            return None
-        column = np.array(value, kind)
-        if column.shape != self.layout.shape[:1]:
-            msg = (
-                f'{name} of Frame must have shape {self.layout.shape[:1]}; received {column.shape}'
-            )
-            raise ValueError(msg)
-        return column[None]
 
     def _follow(
         self,

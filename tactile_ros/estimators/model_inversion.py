@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from tactile_ros.physics.compiled import call_model, compiled, model_address
+from tactile_ros.physics.compiled import call_model, compiled, inlined, model_address
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -153,7 +153,7 @@ class Posterior:
     chi_square: Array  # (s,) squared normalised residuals and prior terms
 
 
-@compiled
+@inlined
 def _factor(matrix: Array) -> bool:
     """Cholesky factor in place, lower triangle; False where the matrix is not positive."""
     for i in range(matrix.shape[0]):
@@ -170,7 +170,7 @@ def _factor(matrix: Array) -> bool:
     return True
 
 
-@compiled
+@inlined
 def _substitute(factor: Array, right: Array) -> None:
     """Solve in place for every column by a Cholesky factor."""
     n, columns = right.shape
@@ -188,7 +188,7 @@ def _substitute(factor: Array, right: Array) -> None:
             right[i, c] /= factor[i, i]
 
 
-@compiled
+@inlined
 def _weigh(
     values: Array, out: Array, sigma: Array, huber: float, residual: Array, weight: Array
 ) -> float:
@@ -208,14 +208,16 @@ def _weigh(
     return cost
 
 
-@compiled
+@inlined
 def _accumulate(
-    residual: float, w: float, by_state: Array, by_parameter: Array, a: Array, b: Array, c: Array,
-    gx: Array, gp: Array,
+    residual: float, w: float, by_state: Array, by_parameter: Array, used: Integers, a: Array,
+    b: Array, c: Array, gx: Array, gp: Array,
 ) -> None:  # fmt: skip
-    """Add a weighted residual to the normal equations a, b, lower c with right sides gx, gp."""
+    """Add a weighted residual to the normal equations a, b, lower c with right sides gx, gp.
+
+    Slopes by parameters count where they are `used`.
+    """
     n = len(b)
-    used = np.flatnonzero(by_parameter)
     for i in range(n):
         slope = w * by_state[i]
         if slope != 0.0:
@@ -243,8 +245,8 @@ def _frame(
 
     Of a b without columns, and a c without rows, nothing is written.
     """
-    n, k, asked, unused = free.size, p.size, b.shape[1] > 0, np.empty(0)
-    cost = 0.0
+    n, k, asked, cost = free.size, p.size, b.shape[1] > 0, 0.0
+    unused, nowhere = np.empty(0), np.empty(0, np.int64)
     a[:], b[:], gx[:] = 0.0, 0.0, 0.0
     for t in range(n):
         i = free[t]
@@ -271,7 +273,8 @@ def _frame(
         for i in range(m):
             if weight[i] != 0.0:
                 slope = by_parameter[i] if asked else unused
-                _accumulate(residual[i], weight[i], by_state[i], slope, a, b, c, gx, gp)
+                used = np.flatnonzero(slope) if asked else nowhere
+                _accumulate(residual[i], weight[i], by_state[i], slope, used, a, b, c, gx, gp)
     return cost
 
 

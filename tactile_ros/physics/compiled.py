@@ -28,10 +28,16 @@ ADDRESSES: dict[int, tuple[int, object]] = {}  # of compiled models, by identity
 DIGESTS: dict[int, str] = {}  # of the sources of compiled functions, by identity
 
 
-def compiled(function: Function) -> Function:
+def inlined(function: Function) -> Function:
+    """Compile a function as part of the compiled ones that call it: arguments cost nothing."""
+    return compiled(function, forced=True)
+
+
+def compiled(function: Function, forced: bool = False) -> Function:
     """Compile a function of arrays and numbers, plain loops, when it is first called.
 
-    It may call functions that were compiled before; without numba it is returned itself.
+    It may call functions that were compiled before; without numba it is returned itself. With
+    `forced` its code becomes part of every compiled function that calls it.
 
     Examples
     --------
@@ -49,9 +55,9 @@ def compiled(function: Function) -> Function:
     digest = hashlib.sha256(' '.join([*numbers, *called]).encode()).hexdigest()[:8]
     function.__qualname__ += f'_{digest}'
     try:
-        built = numba.njit(cache=True, error_model='numpy')(function)
+        built = numba.njit(cache=True, error_model='numpy', forceinline=forced)(function)
     except RuntimeError:  # no folder to keep it in
-        built = numba.njit(error_model='numpy')(function)
+        built = numba.njit(error_model='numpy', forceinline=forced)(function)
     source = Path(code.co_filename)
     content = source.read_bytes() if source.is_file() else b''
     DIGESTS[id(built)] = digest + hashlib.sha256(content).hexdigest()

@@ -13,7 +13,7 @@ from functools import cache
 
 import numpy as np
 
-from tactile_ros.physics.compiled import compiled
+from tactile_ros.physics.compiled import compiled, inlined
 from tactile_ros.physics.fidelity import CUBIC_COST, Model
 from tactile_ros.physics.magnetics import Disc, axial_cylinder, on_pixels, tilt_rotation
 from tactile_ros.types import Array
@@ -83,7 +83,7 @@ def disc_table(
     return table, np.array([step, least, rise, float(columns)])
 
 
-@compiled
+@inlined
 def lagrange(u: float) -> tuple[float, ...]:
     """Weights of four nodes at -1, 0, 1, 2, and their slopes."""
     a, b, c = u + 1, u - 1, u - 2
@@ -99,7 +99,7 @@ def lagrange(u: float) -> tuple[float, ...]:
     )
 
 
-@compiled
+@inlined
 def table_point(
     square: float, height: float, table: Array, grid: Array
 ) -> tuple[float, float, float, float, float, float]:

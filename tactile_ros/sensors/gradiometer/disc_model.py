@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.estimators.model_inversion import FIXED, ModelPrior
-from tactile_ros.physics.compiled import compiled
+from tactile_ros.physics.compiled import compiled, inlined
 from tactile_ros.physics.field_table import SHAPE, disc_table, reach_under, table_point
 from tactile_ros.physics.magnetics import dipole_field
 from tactile_ros.physics.temperature import CALIBRATED_AT, EXPANSION, REMANENCE_SLOPE
@@ -65,7 +65,7 @@ NEAR_DISTANCE, NEAR_DRAWN = (10e-3, 20e-3), 400  # m; dipoles of which patterns 
 TILT_OFF, CROSSED_FIELD, LABEL_OFF = 1e-3, 1.0, 2e-3
 
 
-@compiled
+@inlined
 def disc_field(
     apart: Array, axis: Array, table: Array, grid: Array, field: Array, slope: Array
 ) -> None:
@@ -88,7 +88,7 @@ def disc_field(
         slope[i, 4] += slope[i, 0] * apart[2] - slope[i, 2] * apart[0]
 
 
-@compiled
+@inlined
 def disc_pose(part: int, x: Array, p: Array, data: Array, pose: Array, axis: Array) -> None:
     """Write what holds for all pixels now (part 0) or at the tare (1): centre, axis, strengths."""
     base = PER_PIXEL * int(data[COUNT])
@@ -112,7 +112,7 @@ def disc_pose(part: int, x: Array, p: Array, data: Array, pose: Array, axis: Arr
     pose[6], pose[7], pose[8] = lean, course, radius
 
 
-@compiled
+@inlined
 def pixel_seen(
     q: int, p: Array, data: Array, table: Array, pose: Array, axis: Array, seen: Array,
     moved: Array, apart: Array, field: Array, slope: Array,
@@ -135,7 +135,7 @@ def pixel_seen(
             moved[i, k] *= strength * (1e-3 if k < 3 else 1.0)
 
 
-@compiled
+@inlined
 def by_shared(
     part: int, m: int, x: Array, p: Array, data: Array, pose: Array, d: Array, disc: float,
     by_state: Array, by_parameter: Array,
@@ -168,7 +168,7 @@ def by_shared(
         by_parameter[m, base + WIDER] = bend * pose[8]
 
 
-@compiled
+@inlined
 def channel_reading(
     part: int, m: int, x: Array, p: Array, data: Array, pose: Array, seen: Array, moved: Array,
     d: Array, out: Array, by_state: Array, by_parameter: Array,

@@ -110,8 +110,9 @@ class GradiometerEstimation(Estimation):
 
     def _take(self, fit: Calibration | None) -> None:
         """Keep a calibration, without the states of its frames; None: the prior's."""
-        for name in ('model', '_starts', '_usual_information', '_placed', '_least_covariance'):
-            vars(self).pop(name, None)
+        for name, found in vars(type(self)).items():
+            if isinstance(found, cached_property):
+                vars(self).pop(name, None)
         prior = self.model
         if fit is None:
             covariance = np.diag(prior.parameter_sigma**2)
@@ -493,13 +494,13 @@ class GradiometerEstimation(Estimation):
 
         The memory (7,) of the stream moves on.
         """
-        status = clipped_rows(signals, self.config, self.noise_) * SATURATED
+        clipped = (np.abs(signals.values) >= self._clipping).any(axis=(1, 2))
         if self.regressor_ is not None:
             answers, covariance, field, flags = self._regress(signals)
         else:
             answers, covariance, field, flags = self._estimate(signals, np.asarray(memory))
         known: Columns = {'stray_field': field}
-        status = status | flags | self._unusual_temperature(signals) * OUT_OF_RANGE
+        status = flags | clipped * SATURATED | self._unusual_temperature(signals) * OUT_OF_RANGE
         if self.answers_:
             status = status | self._spell(known, answers, covariance, signals) * ABSTAINED
         known['status'] = status
@@ -532,6 +533,14 @@ class GradiometerEstimation(Estimation):
             flags |= (beyond & (signals.in_contact != 0)) * OUT_OF_RANGE
         field = disc.MT * states[:, disc.UNIFORM : disc.MAGNET]
         return answers, covariance, np.where(self.measured, field, np.nan), flags
+
+    @cached_property
+    def _clipping(self) -> Array:
+        """Size of a reading (2,) so near its limit that noise may hide that it is clipped."""
+        if self.config.saturation is None:
+            return np.full(2, np.inf)
+        limit = np.asarray(self.config.saturation, float)
+        return limit - np.minimum(SIGMAS * self.noise_, MOST_MARGIN * limit)
 
     @cached_property
     def _least_covariance(self) -> Array:
@@ -708,15 +717,6 @@ def rest_noise(signals: Signals, resting: Bools) -> float:
     if len(third) < FEWEST_RESTING:
         return size
     return min(size, float(np.sqrt((third**2).mean() / THIRD)))
-
-
-def clipped_rows(signals: Signals, config: GradiometerConfig, noise: float) -> Bools:
-    """Rows (s,) with a reading so near its limit that noise may hide that it is clipped."""
-    if config.saturation is None:
-        return np.zeros(len(signals.good), bool)
-    limit = np.asarray(config.saturation, float)
-    edge = limit - np.minimum(SIGMAS * noise, MOST_MARGIN * limit)
-    return np.asarray((np.abs(signals.values) >= edge).any(axis=(1, 2)))
 
 
 def at_rest(signals: Signals, truth: Columns) -> Bools:
