@@ -210,9 +210,7 @@ class GripLoop:
         `forces` (N) are of `fingers` (empty: of all), instead of one target. Where drives cannot
         press that hard all press a share of it; the sentence says so.
         """
-        targets = self.admit(target_force, fingers, timeout, forces)
-        chosen = [not fingers or name in fingers for name in self.fingers]
-        beyond, share = self._beyond(targets, chosen)
+        targets, chosen, beyond = self.admit(target_force, fingers, timeout, forces)
         held = self.law.holds or self._is_holding()
         if self.law.phase == GripPhase.IDLE:
             if self._watch.strayed():
@@ -227,7 +225,7 @@ class GripLoop:
             self.law.release()
             self._sequence = GraspSequence(self.config, timeout, opens=True)
             return ''
-        self.law.grasp([share * target for target in targets], adapt, chosen, held)
+        self.law.grasp(targets, adapt, chosen, held)
         self._sequence = GraspSequence(self.config, timeout, beyond=beyond)
         return beyond
 
@@ -250,8 +248,11 @@ class GripLoop:
         fingers: Sequence[str],
         timeout: float,
         forces: Sequence[float] = (),
-    ) -> list[float]:
-        """Targets (f,) of a grasp (N); ValueError of one sentence where it cannot be."""
+    ) -> tuple[list[float], list[bool], str]:
+        """Targets (f,) (N) that drives can press, who takes part (f,), and what is beyond them.
+
+        Nothing is, where the sentence is empty. ValueError of one sentence: it cannot be.
+        """
         low, high = ON_SIGMAS * self.config.force_noise, self.config.force_high
         wanted, named = list(forces) or [target_force], list(fingers) or self.fingers
         wrong = [force for force in wanted if not low < force <= high]
@@ -272,25 +273,22 @@ class GripLoop:
         each = dict(zip(named, wanted, strict=True)) if len(forces) else {}
         targets = [each.get(name, max(wanted)) for name in self.fingers]
         used = [not fingers or name in fingers for name in self.fingers]
-        beyond, share = self._beyond(targets, used)
-        if beyond and share * min(t for t, use in zip(targets, used, strict=True) if use) <= low:
-            raise ValueError(beyond)
-        return targets
-
-    def _beyond(self, targets: Sequence[float], chosen: Sequence[bool]) -> tuple[str, float]:
-        """Fingers whose drives cannot press targets (f,) (N), and the share that all can."""
-        asked = shared(targets, self._sides, chosen)
+        asked = shared(targets, self._sides, used)
         short = [i for i, reach in enumerate(self._reach) if asked[i] > reach]
         if not short:
-            return '', 1.0
+            return targets, used, ''
         share = min(self._reach[i] / asked[i] for i in short)
         weak = ', '.join(
             f'{self.fingers[i]} {self._reach[i]:.2f} of {asked[i]:.2f} N' for i in short
         )
-        return (
+        beyond = (
             f'the drives of this hand cannot press that hard ({weak}): it presses '
             f'{share * max(targets):.2f} N at most'
-        ), share
+        )
+        targets = [share * target for target in targets]
+        if min(target for target, use in zip(targets, used, strict=True) if use) <= low:
+            raise ValueError(beyond)
+        return targets, used, beyond
 
     def cancel(self) -> None:
         """Wait for no end any more: what is held stays held, otherwise the hand opens."""
