@@ -46,15 +46,16 @@ def inside(loops: Sequence[Array], points: Array) -> Bools:
     >>> inside([square], np.array([[0.5, 0.5], [1.5, 0.5]])).tolist()
     [True, False]
     """
+    order = np.argsort(points[:, 1])  # an edge passes a run of these: others cost it nothing
+    x, y = points[order].T
     odd = np.zeros(len(points), bool)
-    x, y = points[:, :1], points[:, 1:]
     for loop in loops:
-        (x0, y0), (x1, y1) = loop.T, np.roll(loop, -1, axis=0).T
-        spans = (y0 > y) != (y1 > y)
-        rise = np.where(y1 == y0, 1.0, y1 - y0)
-        crossing = spans & (x < x0 + (y - y0) * (x1 - x0) / rise)
-        odd ^= crossing.sum(axis=1) % 2 == 1
-    return odd
+        for (x0, y0), (x1, y1) in zip(loop, np.roll(loop, -1, axis=0), strict=True):
+            run = slice(*np.searchsorted(y, [min(y0, y1), max(y0, y1)]))
+            odd[run] ^= x[run] < x0 + (y[run] - y0) * (x1 - x0) / (y1 - y0)
+    within = np.empty_like(odd)
+    within[order] = odd
+    return within
 
 
 def part_pressure(part: Outline, points: Array) -> Array:
