@@ -53,9 +53,7 @@ def inside(loops: Sequence[Array], points: Array) -> Bools:
         for (x0, y0), (x1, y1) in zip(loop, np.roll(loop, -1, axis=0), strict=True):
             run = slice(*np.searchsorted(y, [min(y0, y1), max(y0, y1)]))
             odd[run] ^= x[run] < x0 + (y[run] - y0) * (x1 - x0) / (y1 - y0)
-    within = np.empty_like(odd)
-    within[order] = odd
-    return within
+    return odd[np.argsort(order)]
 
 
 def part_pressure(part: Outline, points: Array) -> Array:
