@@ -20,7 +20,7 @@ from scipy.interpolate import RegularGridInterpolator
 from benchmarks.harness.rows import BenchResult, Row
 from benchmarks.worlds import multipole_fidelity as skin
 from reference import gradiometer_world
-from tactile_ros.evaluation.figures import Plot, standalone
+from tactile_ros.evaluation.figures import LETTER, Plot, standalone
 from tactile_ros.physics.fidelity import LINEAR_COST, SHARE, Choice, Model, TermGain, region
 from tactile_ros.physics.field_table import (
     SHAPES,
@@ -50,7 +50,12 @@ LOAD, AROUND = (1.5, 10.0), (0.5, np.pi - 0.5)  # N, rad: presses of [2]
 GRIDS = ((9, 7, 5), (15, 11, 5), (29, 21, 9), (57, 41, 9))
 BUDGET_S = 0.05
 OTHERS = 1.25e-3  # m, pitch of carpets under other mechanics
-KINDS = ('dipole', 'linear', 'cubic', 'exact')
+KINDS = {
+    'dipole': 'dipoles', 'linear': 'linear tables', 'cubic': 'cubic tables',
+    '2 x 2': 'the same with 2 x 2 points', ' mm': 'grid of dipoles, its pitch',
+    '': 'other mechanics',
+}  # fmt: skip
+BESIDE = (('start', 0.0), ('end', 0.0), ('middle', -15.0), ('middle', 16.0))
 
 
 def timed(model: Model, states: Array) -> float:
@@ -261,7 +266,7 @@ def _force_error(seed: int, terms: dict[str, bool], learned: object, scene: obje
 
 def drawing(rows: list[Row], limit: float, told: str) -> str:
     """Worst error against time, with the line below which a model is good enough."""
-    spots = [(row.method, row.us_batch or row.us_single, row.ours) for row in rows]
+    spots = [(spot_name(row.method), row.us_batch or row.us_single, row.ours) for row in rows]
     shown = [spot for spot in spots if spot[2] > 0]
     every, errors = [s[1] for s in spots], [s[2] for s in shown]
     wide = min(every) / 2, 2.5 * max(every)
@@ -270,18 +275,38 @@ def drawing(rows: list[Row], limit: float, told: str) -> str:
                 log_x=True, log_y=True, description=told)  # fmt: skip
     plot.line(np.array(wide), np.full(2, limit), 'line ink')
     plot.text(wide[0], limit, 'a third of the noise', shift=-12)
-    last: dict[str, tuple[float, float, bool]] = {}
+    key = {}
     for name, us, error in shown:
         kind = next((i for i, word in enumerate(KINDS) if word in name), 0)
         plot.mark(us, error, kind, f'fill c{kind}')
-        words = name.replace(', bonded layer', '').replace('1.25 mm, ', '')
-        below = 'table' in name or 'even' in name
-        last[f'{KINDS[kind]} tables' if 'table' in name else words] = us, error, below
-    for words, (us, error, below) in last.items():
-        plot.text(us, error, words, 'middle', shift=17 if below else -14)
+        key[f'c{kind}'] = [*KINDS.values()][kind]
+    name_marks(plot, [spot for spot in shown if 'table' not in spot[0]])
     for row, (name, us, _) in enumerate(spot for spot in spots if spot[2] == 0):
         plot.rule(us, name, row=row)
-    return standalone(plot)
+    return standalone(plot, title=f'{told}: worst error against time', key=list(key.items()))
+
+
+def spot_name(method: str) -> str:
+    """A model without what all have."""
+    return method.replace(', bonded layer', '').replace('1.25 mm, ', '')
+
+
+def name_marks(plot: Plot, spots: list[tuple[str, float, float]]) -> None:
+    """Name marks (name, x, y), each where its words meet no other mark or name."""
+    middles = [(float(plot.x(x)), float(plot.y(y))) for _, x, y in spots]
+    taken = [(a - 7, b - 7, a + 7, b + 7) for a, b in middles]
+    for (name, x, y), (a, b) in zip(spots, middles, strict=True):
+        words = name.replace(' with 2 x 2 points', '')
+        wide = LETTER * len(words) + 4
+        for anchor, shift in BESIDE:
+            left = {'start': a + 8, 'middle': a - wide / 2, 'end': a - 8 - wide}[anchor]
+            box = (left, b + shift - 7, left + wide, b + shift + 7)
+            if left + wide < plot.size[0] and not any(
+                box[0] < o[2] and o[0] < box[2] and box[1] < o[3] and o[1] < box[3] for o in taken
+            ):
+                break
+        taken.append(box)
+        plot.text(x, y, f'\u00a0{words}\u00a0', anchor, shift=shift)
 
 
 def run(extent: str, command: str) -> BenchResult:

@@ -20,7 +20,7 @@ from benchmarks.harness.independent import independent_rows
 from benchmarks.harness.rows import BenchResult, Row, frame_us, inside, shortest, within
 from reference.five_wire_sheet import SheetWorld, pressed
 from reference.five_wire_world import FiveWireWorld, grid, touches
-from tactile_ros.evaluation.figures import Plot, standalone
+from tactile_ros.evaluation.figures import Plot, shade_key, standalone
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Array, Recording
@@ -365,9 +365,8 @@ def drawn(seed: int) -> dict[str, str]:
     ):
         fit = SENSOR.pipeline(estimator=estimator).fit(train)
         error = np.linalg.norm(judged(fit, test).place, axis=1)
-        shades = ', '.join(f'{step:g}' for step in steps)
-        plot = Plot.plan((0.0, 100.0), (0.0, 100.0), '(mm)', f'{told}; shades above {shades} mm')
+        plot = Plot.plan((0.0, 100.0), (0.0, 100.0), '(mm)', told)
         kinds = [f's{n}' for n in np.searchsorted(steps, error)]
         plot.boxes(*1e3 * test.truth['position'][touched, :2].T, 3.1, kinds)
-        found[name] = standalone(plot)
+        found[name] = standalone(plot, title=told, key=shade_key(steps, 'mm'))
     return found

@@ -246,7 +246,7 @@ def warmth() -> tuple[list[Row], str]:
         rows.append(Row(f'Fz over 0..50 C, {name}', 'mN', float(rms(error))))
         said[name] = test.temperature_c[judged(pipeline, test)[1], 0], error
     high = max(float(np.quantile(np.abs(error), 0.99)) for _, error in said.values())
-    told = 'Error of Fz over temperature, not compensated, by the chain of [3], and ours.'
+    told = 'Error of Fz over temperature'
     return rows, dots(said, (10.0, 60.0), (-high, high), 'chip (C)', told)
 
 
@@ -256,12 +256,11 @@ def dots(
 ) -> str:  # fmt: skip
     """Errors of Fz (mN) over something, of methods by name."""
     plot = Plot(wide, high, label, 'error of Fz (mN)', (480, 320), description=told, log_y=log)
-    for k, (name, (x, error)) in enumerate(said.items()):
+    for k, (x, error) in enumerate(said.values()):
         keep = (error >= high[0]) & (error < high[1])
         plot.dots(x[keep][:500], error[keep][:500], f'c{k}')
-        words = f'{name}: {rms(error):.3g} mN rms'
-        plot.text(wide[0] + 0.02 * np.ptp(wide), None, words, row=k, kind=f'c{k}')
-    return standalone(plot)
+    words = (f'{name}: {rms(error):.3g} mN rms' for name, (_, error) in said.items())
+    return standalone(plot, title=told, key=[(f'c{k}', one) for k, one in enumerate(words)])
 
 
 def surroundings(extent: str) -> tuple[list[Row], list[int]]:
@@ -379,7 +378,7 @@ def methods(worlds: list[World], names: tuple[str, ...]) -> tuple[list[Row], str
             Row.mean(f'Fz by {name}, 300 points, rms', 'mN', found, us_single=us,
                      compared='Fz of the gradiometer, 300 points', method=name)
         )  # fmt: skip
-    told = 'Error of Fz against load: the chain of [3] and the inversion, 300 points each.'
+    told = 'Error of Fz against load, learned from 300 presses'
     drawn = {name: said[name] for name in METHODS[:2]}
     high = 2 * max(row.by_seed[0] for row in rows)
     top = float(said['inversion'][0].max())

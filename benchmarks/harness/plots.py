@@ -7,13 +7,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from tactile_ros.evaluation.figures import MM, Plot, standalone
+from tactile_ros.evaluation.figures import MM, Plot, shade_key, standalone
 from tactile_ros.types import Array, Outline
 
 SHADES = (60.0, 75.0, 85.0, 92.0, 97.0)  # % of a cell: below the first one an alarming colour
 STEPS_MM = (0.2, 0.4, 0.6, 0.9, 1.5)
 MANY = 500  # taxels, of which those that feel nothing are not drawn
 PRESSURES = (0.02, 0.2, 0.4, 0.6)  # of the largest one, between shades
+OBJECT_KEY = (('c1', 'estimated'), ('ink', 'true'), ('s0', 'no pressure'), ('s4', 'most'))
 GLYPHS = '●■▲◆'  # of the marks, in their order
 KEY = 0.09  # of the axis, that a line of the key takes
 MARKS = (0.15, 0.5, 0.85)  # of a line, where its marks stand
@@ -31,7 +32,8 @@ def cell_map(cells: Array, shares: Array, told: str) -> str:
     for a, b, share in zip(x, y, shares, strict=True):
         words = '-' if np.isnan(share) else f'{share:.0f}'
         plot.text(float(a), float(b), words, 'middle', shift=24.0)
-    return standalone(plot)
+    shades = zip(['s5', *(f's{i}' for i in range(5))], shade_key(SHADES, '%'), strict=True)
+    return standalone(plot, title=told, key=[(kind, words) for kind, (_, words) in shades])
 
 
 def _step(x: Array) -> float:
@@ -46,7 +48,7 @@ def error_map(places: Array, error: Array, told: str) -> str:
     along, across = ((float(np.floor(v.min())), float(np.ceil(v.max()))) for v in (x, y))
     plot = Plot.plan(along, across, '(mm)', told)
     plot.boxes(x, y, 0.7, [f's{np.searchsorted(STEPS_MM, MM * one)}' for one in error])
-    return standalone(plot)
+    return standalone(plot, title=told, key=shade_key(STEPS_MM, 'mm'))
 
 
 def taxel_corners(
@@ -106,7 +108,7 @@ def object_map(
         for line in lines:
             x, y = MM * line.T
             plot.line(x, y, kind)
-    return standalone(plot)
+    return standalone(plot, title=told, key=OBJECT_KEY)
 
 
 def curves(lines: Mapping[str, tuple[Array, Array]], labels: tuple[str, str], told: str) -> str:
@@ -125,4 +127,4 @@ def curves(lines: Mapping[str, tuple[Array, Array]], labels: tuple[str, str], to
             at = int((share + 0.05 * i) * (len(u) - 1))  # where lines meet, marks stand apart
             plot.mark(float(u[at]), float(v[at]), i, f'fill c{i % 5}')
         plot.text(float(u[0]), None, f'{GLYPHS[i % 4]} {name}', kind=f'key c{i % 5}', row=i)
-    return standalone(plot)
+    return standalone(plot, title=told)

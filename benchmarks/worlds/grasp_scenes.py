@@ -31,6 +31,7 @@ FORCES = {'quick': 1, 'normal': 2, 'full': 10}  # of each object and hand
 LOADS = {'quick': 2, 'normal': 10, 'full': 100}  # of either kind
 SECONDS = {'quick': np.inf, 'normal': 15.0, 'full': np.inf}  # of a study's seeds
 PAPER = {'cube': 94.0, 'sphere': 96.0, 'mouse': 94.0}  # [2], % of 50 grasps each
+FINGERS = {'allegro': ('index', 'middle', 'thumb'), 'soft': ('thumb', 'index', 'middle')}
 SETTLED = {'allegro': 0.5, 'soft': 1.5}  # s
 HELD, SPARED = 0.98, 0.8
 UNTIL = 0.05  # m
@@ -106,12 +107,11 @@ def drawn_balloon(held: Held, single: Held) -> str:
                 description='Force over distance, gradiometer and one pixel')  # fmt: skip
     for kind, one in (('line c0', held), ('line c1', single)):
         plot.line(1e3 * one.distance, np.minimum(one.force, 3.1), kind)
-    plot.text(70.0, 1.1, 'gradiometer', 'start')
-    plot.text(70.0, 1.6, f'one pixel: {single.fate}', 'start')
     plot.rule(1e3 * UNTIL, '50 mm')
     if np.isfinite(held.invalid_from):
         plot.rule(1e3 * held.invalid_from, 'not valid from here on', row=1)
-    return standalone(plot)
+    key = (('c0', f'gradiometer: {held.fate}'), ('c1', f'one pixel: {single.fate}'))
+    return standalone(plot, title='A balloon is held while a magnet comes', key=key)
 
 
 def cells(trials: Trials, found: Found, seeds: range, film: Watcher) -> None:
@@ -142,7 +142,7 @@ def cells(trials: Trials, found: Found, seeds: range, film: Watcher) -> None:
         ]  # fmt: skip
         found.timed(what, sum(g.seconds for g in grasps), began)
         if kind == 'cube':
-            found.drawings['allegro'] = drawn_grasp(grasps[0])
+            found.drawings['allegro'] = drawn_grasp(grasps[0], 'allegro')
 
 
 def forces(trials: Trials, found: Found, hand: str, seeds: range, time_s: float) -> None:
@@ -163,10 +163,10 @@ def forces(trials: Trials, found: Found, hand: str, seeds: range, time_s: float)
         )
     ]
     found.timed(f'{what} {count}', sum(g.seconds for g in grasps), began)
-    found.drawings[f'{hand}_force'] = drawn_grasp(grasps[0])
+    found.drawings[f'{hand}_force'] = drawn_grasp(grasps[0], hand)
 
 
-def drawn_grasp(grasp: Grasped) -> str:
+def drawn_grasp(grasp: Grasped, hand: str) -> str:
     """True forces of all fingers over time, and what was asked for."""
     trace = grasp.trace
     count = (trace.shape[1] - 1) // 2
@@ -176,7 +176,8 @@ def drawn_grasp(grasp: Grasped) -> str:
     for i in range(count):
         plot.line(trace[:, 0], trace[:, 1 + count + i], 'rule')
         plot.line(trace[:, 0], trace[:, 1 + i], f'line c{i}')
-    return standalone(plot)
+    key = [*((f'c{i}', name) for i, name in enumerate(FINGERS[hand])), ('', 'dashed: asked for')]
+    return standalone(plot, title=f'True forces of a grasp, {hand} hand', key=key)
 
 
 def loads(trials: Trials, found: Found, seeds: range, film: Watcher, time_s: float) -> None:
@@ -210,7 +211,8 @@ def loads(trials: Trials, found: Found, seeds: range, film: Watcher, time_s: flo
         f'Fixed in MuJoCo: {fixed:.2f} N, below which no fixed force could hold 98 % of the 200 '
         'loads of a full run.'
     )
-    found.drawings['loads'] = standalone(plot)
+    title = 'Loads that grow or slip: dropped against the force of the grip'
+    found.drawings['loads'] = standalone(plot, title=title)
 
 
 def films() -> dict[str, Film]:

@@ -325,19 +325,19 @@ def drawn(hands: Mapping[str, Sequence[Suffered]]) -> str:
     """Forces (N) after all faults of each hand, between bounds; a mark where it began to hold."""
     ends = [float(one.at[-1]) for each in hands.values() for one in each if len(one.at)]
     longest = MS * max(ends, default=1.0)
-    plot = Plot((0.0, longest), (0.0, 1.4 * TARGET), 'time after the fault (ms)',
-                'largest force of a finger (N)', (480, 300),
-                description='Force after each fault of a grasp')  # fmt: skip
-    for bound, told in ((LEAST, 'least'), (LARGEST, 'most')):
-        plot.line(np.array([0.0, longest]), np.full(2, bound), 'rule')
-        plot.text(longest, bound, f'{told} that is allowed', 'end', shift=-9.0)
-    for i, (hand, each) in enumerate(hands.items()):
-        for one in each:
-            plot.line(MS * one.at, one.force, f'line c{i}')
+    changes = [[MS * (one.force - one.force[0]) for one in each] for each in hands.values()]
+    most = 1.15 * max((float(np.nanmax(np.abs(c))) for each in changes for c in each), default=1.0)
+    plot = Plot((0.0, longest), (-most, most), 'time after the fault (ms)',
+                'change of the largest force (mN)', (480, 300),
+                description='Change of the force after each fault of a grasp')  # fmt: skip
+    for i, (each, lines) in enumerate(zip(hands.values(), changes, strict=True)):
+        for one, change in zip(each, lines, strict=True):
+            plot.line(MS * one.at, change, f'line c{i}')
             if np.isfinite(one.after):
-                held = float(np.interp(one.after, one.at, one.force))
+                held = float(np.interp(one.after, one.at, change))
                 plot.mark(MS * one.after, held, i, f'fill c{i}')
-        words = f'{hand}: {len(each)} faults, and when it held'
-        plot.text(longest, (0.3 - 0.12 * i) * TARGET, words, 'end', f'key c{i}')
     plot.rule(MS * STALE_S, 'an input counts as stale')
-    return standalone(plot)
+    named = (f'{hand}: {len(each)} faults' for hand, each in hands.items())
+    title = (f'A grip of {TARGET:g} N after each fault; marks: it holds. Allowed are '
+             f'{MS * (LEAST - TARGET):+.0f} to {MS * (LARGEST - TARGET):+.0f} mN')  # fmt: skip
+    return standalone(plot, title=title, key=[(f'c{i}', words) for i, words in enumerate(named)])

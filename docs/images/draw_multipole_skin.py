@@ -45,7 +45,15 @@ def templates() -> str:
                 f'fill-opacity="0.5"/><path d="M{x:.1f} {y:.1f}l{40 * bx:.1f} {-40 * by:.1f}" '
                 'stroke="#111" stroke-width="1.5"/>'
             )
-    return _svg(570, 620, drawn)
+    words = (
+        f'disc: change of Bz, red up, blue down; largest {1e3 * most:.1f} mT; area by size',
+        f'line from a chip: change of Bx and By; {1e3 * most:.1f} mT is 20 mm long; bar: 10 mm',
+    )
+    drawn += [
+        f'<text x="8" y="{632 + 18 * k}" {STYLE}>{line}</text>' for k, line in enumerate(words)
+    ]
+    drawn.append('<path d="M530 646h20" stroke="#333" stroke-width="2"/>')
+    return _svg(570, 660, drawn)
 
 
 def confusion() -> str:
@@ -77,6 +85,9 @@ def confusion() -> str:
             f'<text transform="translate({134 + 42 * i} 54) rotate(-35)" {STYLE}>'
             f'{names[i]}</text>'
         )
+    drawn.append(
+        f'<text x="8" y="20" {STYLE}>pressed (rows), named (columns), % of presses</text>'
+    )
     return _svg(560, 450, drawn)
 
 

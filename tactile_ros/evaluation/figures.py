@@ -457,6 +457,13 @@ def _bin_means(x: Array, values: Array, edges: Array, fewest: int = 5) -> Array:
     return np.where(count >= fewest, total / np.maximum(count, 1), np.nan)
 
 
+def shade_key(limits: Iterable[float], unit: str) -> tuple[tuple[str, str], ...]:
+    """Key of the shades between limits, the last one above all of them."""
+    bounds = ['0', *(f'{limit:g}' for limit in limits)]
+    words = [*(f'{a}–{b}' for a, b in pairwise(bounds)), f'> {bounds[-1]} {unit}']
+    return tuple((f's{i}', word) for i, word in enumerate(words))
+
+
 def place_map(target: TargetErrors, chips: Array) -> Figure:
     """Mean error at every touched place in plan view; chips (t, 3) (m) as crosses."""
     kept = np.isfinite(target.size)
@@ -480,8 +487,6 @@ def place_map(target: TargetErrors, chips: Array) -> Figure:
     for a, b in (chips[:, :2] * MM).tolist():
         if x_span[0] <= a <= x_span[1] and y_span[0] <= b <= y_span[1]:
             plot.text(a, b, '+', 'middle', 'chip')
-    bounds = ['0', *(f'{limit:g}' for limit in limits)]
-    words = [*(f'{a}–{b}' for a, b in pairwise(bounds)), f'> {bounds[-1]} mm']
     caption = f'{len(x)} places'
     depth = np.minimum.reduce([x - x.min(), x.max() - x, y - y.min(), y.max() - y])
     rim = depth < 0.1 * max(float(np.ptp(x)), float(np.ptp(y)))
@@ -489,7 +494,7 @@ def place_map(target: TargetErrors, chips: Array) -> Figure:
         sizes = (mean[~rim].mean(), mean[rim].mean(), mean.max())
         inner, outer, worst = (quantity(size / MM, 'm') for size in sizes)
         caption += f': {inner} on average inside, {outer} in the outer tenth; at worst {worst}'
-    key = tuple((f's{i}', word) for i, word in enumerate(words))
+    key = shade_key(limits, 'mm')
     return Figure('Where on the pad it errs', f'{caption}. Crosses: chips.', (plot,), key)
 
 

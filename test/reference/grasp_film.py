@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Films of a simulated hand, drawn by MuJoCo without a screen."""
+"""Films of a simulated hand and its forces, drawn by MuJoCo without a screen."""
 
 from __future__ import annotations
 
@@ -8,15 +8,21 @@ from ctypes.util import find_library
 from typing import TYPE_CHECKING
 
 from tactile_ros.errors import MissingPackageError
+from tactile_ros.evaluation.figures import nice_ticks
 from tactile_ros.simulation.hand_world import load_engine
 
 if TYPE_CHECKING:
     from pathlib import Path
     from types import ModuleType
 
+    from PIL.Image import Image
+
     from tactile_ros.simulation.hand_world import HandWorld
 
 SIZE, COLOURS = (240, 320), 64  # rows and columns of a picture
+BELOW, LEFT, RIGHT = 120, 30, 310  # rows below a picture for forces; columns of their axes
+TOP, BOTTOM = 264, 340  # rows of the axes
+INKS = ('#0060a8', '#c34f00', '#007d5f', '#a13d80')  # of the pads, as in the drawings
 EMPTY = '<mujoco><worldbody/></mujoco>'
 NO_SCREEN = 'pictures of scenes need OpenGL without a screen: EGL or OSMesa of Mesa'
 
@@ -57,6 +63,7 @@ class Film:
         self._due = 0.0
         self._renderer = None
         self.pictures = []
+        self.forces: list[dict[str, float]] = []  # what each pad's sensor says (N), by picture
 
     def __call__(self, world: HandWorld) -> None:
         """Take a picture, if it is time; a `MissingPackageError` where nothing can draw."""
@@ -73,16 +80,41 @@ class Film:
         camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = self._view
         self._renderer.update_scene(world.data, camera)
         self.pictures.append(self._renderer.render())
+        said = {name: float(pad.state.force[2]) for name, pad in world.pads.items()}
+        self.forces.append(said)
 
     def save(self, path: Path) -> Path:
         """Write the GIF and let the renderer go."""
-        image = _pillow()
-        first, *others = (image.fromarray(one).quantize(COLOURS) for one in self.pictures)
+        first, *others = (self._shown_at(i) for i in range(len(self.pictures)))
         shown_ms = 1e3 * self._shown
         first.save(path, save_all=True, append_images=others, duration=shown_ms, loop=0)
         if self._renderer is not None:
             self._renderer.close()
         return path
+
+    def _shown_at(self, index: int) -> Image:
+        """A picture over the forces until then."""
+        pillow = _pillow()
+        from PIL.ImageDraw import Draw
+
+        names, end = list(self.forces[-1]), max(len(self.forces) - 1, 1)
+        top = 1.1 * max(max(one.get(n, 0.0) for n in names) for one in self.forces) or 1.0
+        shown = pillow.new('RGB', (SIZE[1], SIZE[0] + BELOW), 'white')
+        shown.paste(pillow.fromarray(self.pictures[index]))
+        pen = Draw(shown)
+        pen.line([(LEFT, TOP), (LEFT, BOTTOM), (RIGHT, BOTTOM)], '#5c626b')
+        for force in nice_ticks(0.0, top, 3):
+            y = BOTTOM - (BOTTOM - TOP) * force / top
+            pen.text((LEFT - 4, y), f'{force:g}', '#1b1d21', anchor='rm')
+        pen.text((LEFT, BOTTOM + 3), f'{index * self._period:.1f} s', '#1b1d21')
+        pen.text((RIGHT, BOTTOM + 3), 'force by the sensors (N)', '#1b1d21', anchor='ra')
+        for i, name in enumerate(names):
+            force = [one.get(name, 0.0) for one in self.forces[: index + 1]]
+            x = [LEFT + (RIGHT - LEFT) * k / end for k in range(index + 1)]
+            y = [BOTTOM - (BOTTOM - TOP) * max(f, 0.0) / top for f in force]
+            pen.line([*zip(x, y, strict=True)], INKS[i % 4], 2)
+            pen.text((LEFT + 90 * i, TOP - 17), f'{name} {force[-1]:.2f} N', INKS[i % 4])
+        return shown.quantize(COLOURS)
 
 
 def _pillow() -> ModuleType:
