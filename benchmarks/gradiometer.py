@@ -247,7 +247,7 @@ def warmth() -> tuple[list[Row], str]:
         said[name] = test.temperature_c[judged(pipeline, test)[1], 0], error
     high = max(float(np.quantile(np.abs(error), 0.99)) for _, error in said.values())
     told = 'Error of Fz over temperature'
-    return rows, dots(said, (10.0, 60.0), (-high, high), 'chip (C)', told)
+    return rows, dots(said, (10.0, 60.0), (-high, high), 'temperature of the chip (°C)', told)
 
 
 def dots(

@@ -215,7 +215,7 @@ def run(extent: str, command: str) -> BenchResult:
     drawings = {
         f'cells_{name}': plots.cell_map(
             cells, np.diag(confusion(cell, test.touches.cell, len(cells))),
-            f'Share of touches of each cell that {name} names rightly (%)',
+            f'Touches named rightly by cell: {name}',
         )
         for name, cell in named.items()
     }  # fmt: skip

@@ -284,7 +284,8 @@ def sorted_parts(extent: str) -> tuple[list[Row], dict[str, str], list[int]]:
             grips.append(_gripper(kind, WORLDS + i))
             rng = np.random.default_rng([WORLDS + i, 1])
             picks[name].append([grips[-1].pick(rng) for _ in range(few)])
-        drawings[name] = _draw_pick(kind[0], picks[name][0][0])
+        shown = next((p for p in picks[name][0] if p.state.label >= 0), picks[name][0][0])
+        drawings[name] = _draw_pick(kind[0], shown)
     rows = [_placed('washers of 5 types, 5 bad taxels', picks['washer'], 95.0, 99.0)]
     if tubes := picks.get('tube'):
         turn = [
@@ -359,5 +360,5 @@ def _draw_pick(config: TaxelArrayConfig, pick: Picked) -> str:
         shown = plots.edges_of(config.objects[pick.state.label])
         found = plots.placed(shown, np.array([*pose[:2, 3], turn]))
     pressure = pick.state.taxel_force / config.areas
-    told = 'Pressure on the taxels, the object as it lies and as it was found'
+    told = f'Pressure on {len(config.positions)} taxels, and the object'
     return plots.object_map(corners, pressure, found, plots.placed(part, pick.pose), told)

@@ -86,9 +86,9 @@ def confusion() -> str:
             f'{names[i]}</text>'
         )
     drawn.append(
-        f'<text x="8" y="20" {STYLE}>pressed (rows), named (columns), % of presses</text>'
+        f'<text x="110" y="458" {STYLE}>pressed (rows), named (columns), % of presses</text>'
     )
-    return _svg(560, 450, drawn)
+    return _svg(560, 470, drawn)
 
 
 def _svg(width: int, height: int, drawn: list[str]) -> str:

@@ -14,7 +14,8 @@ STYLE = (
     '.box{fill:#2a3338;stroke:#9ab}.part{fill:#1b1e23;stroke:#eee}.ground{stroke:#eee}}</style>'
 )
 COLOURS = {
-    '3V3': '#d0493a', 'VCC': '#d0493a', 'GND': '#7f8c8d', 'SDA': '#2f8fd0', 'SCL': '#b7950b', 'USB': '#a05cc0',
+    '3V3': '#d0493a', 'VCC': '#d0493a', 'GND': '#7f8c8d', 'SDA': '#2f8fd0', 'SCL': '#b7950b',
+    'USB': '#a05cc0',
     'A': '#d0493a', 'B': '#2f8fd0', 'C': '#b7950b', 'D': '#27ae60', 'foil': '#a05cc0',
     'R0': '#a05cc0', 'row': '#2f8fd0', 'column': '#b7950b', 'Bx,': '#2f8fd0', 'A0': '#b7950b',
     'select': '#27ae60',

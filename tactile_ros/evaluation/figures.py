@@ -298,7 +298,7 @@ def standalone(*plots: Plot, title: str = '', key: Sequence[tuple[str, str]] = (
             x, y = margin, y + 18
         place = f'x="{x}" y="{y + 3}" width="12" height="12" rx="3"'
         parts += [f'<rect class="fill {kind}" {place}/>', _text(x + 18, y + 13, words, '')]
-        x += 32 + LETTER * len(words)
+        x += 38 + LETTER * len(words)
     y += (26 if key else 0) + (8 if title else 0)
     for plot in plots:
         size = f'width="{plot.size[0]}" height="{plot.size[1]}"'
@@ -697,7 +697,7 @@ def confusion_figure(errors: ClassErrors) -> Figure:
 
 
 def contact_sentence(errors: ContactErrors) -> str:
-    """Contacts that are found, false ones at rest, and the time until a release is told."""
+    """Contacts that are found, false ones at rest, and the time until a release is reported."""
     rest, firm, said = int((~errors.touched).sum()), int(errors.firm.sum()), []
     if firm:
         said.append(f'{rounded(errors.found)} % of {firm:,} frames of {LEAST_TOUCH:g} N or more '
@@ -706,13 +706,13 @@ def contact_sentence(errors: ContactErrors) -> str:
         said.append(f'{rounded(errors.contact_at_rest)} % of {rest:,} at rest are called contacts')
     if len(errors.release_s):
         half, most = (quantity(one, 's') for one in np.percentile(errors.release_s, [50, 95]))
-        said.append(f'release is told after {half}, 95 % within {most}')
+        said.append(f'a release is reported after {half}, 95 % within {most}')
     return '; '.join(said)
 
 
 def contact(errors: ContactErrors) -> Figure:
-    """Contact told against truth, and what a threshold of the estimated force would do."""
-    plots = [confusion_plot(errors.table, 'contact (0 none, 1)', 'Contact told against truth')]
+    """Reported contact against truth, and what a threshold of the estimated force would do."""
+    plots = [confusion_plot(errors.table, 'contact (0 none, 1)', 'Reported contact, truth')]
     text = contact_sentence(errors)
     rest, touched = (
         np.sort(one[np.isfinite(one)])
@@ -751,8 +751,8 @@ def hysteresis(target: TargetErrors) -> Figure | None:
     plot.line(centre, down, 'line c1')
     mean, worst = quantity(apart.mean(), 'N'), quantity(apart.max(), 'N')
     caption = (
-        f'At the same load, rising and falling force are told {mean} apart on average, at worst '
-        f'{worst}: {rounded(100 * apart.max() / (high - low))} % of the range.'
+        f'At the same load, estimates of rising and falling force differ by {mean} on '
+        f'average, at worst {worst}: {rounded(100 * apart.max() / (high - low))} % of the range.'
     )
     key = (('c0', 'rising'), ('c1', 'falling'))
     return Figure(f'Hysteresis of {words}', caption, (plot,), key)

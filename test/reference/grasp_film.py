@@ -80,8 +80,8 @@ class Film:
         camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = self._view
         self._renderer.update_scene(world.data, camera)
         self.pictures.append(self._renderer.render())
-        said = {name: float(pad.state.force[2]) for name, pad in world.pads.items()}
-        self.forces.append(said)
+        states = {name: pad.state for name, pad in world.pads.items()}
+        self.forces.append({n: float(s.force[2]) for n, s in states.items() if s.valid})
 
     def save(self, path: Path) -> Path:
         """Write the GIF and let the renderer go."""
@@ -97,8 +97,9 @@ class Film:
         pillow = _pillow()
         from PIL.ImageDraw import Draw
 
-        names, end = list(self.forces[-1]), max(len(self.forces) - 1, 1)
-        top = 1.1 * max(max(one.get(n, 0.0) for n in names) for one in self.forces) or 1.0
+        names = list(dict.fromkeys(name for one in self.forces for name in one))
+        end = max(len(self.forces) - 1, 1)
+        top = 1.1 * max((f for one in self.forces for f in one.values()), default=1.0)
         shown = pillow.new('RGB', (SIZE[1], SIZE[0] + BELOW), 'white')
         shown.paste(pillow.fromarray(self.pictures[index]))
         pen = Draw(shown)
@@ -109,11 +110,16 @@ class Film:
         pen.text((LEFT, BOTTOM + 3), f'{index * self._period:.1f} s', '#1b1d21')
         pen.text((RIGHT, BOTTOM + 3), 'force by the sensors (N)', '#1b1d21', anchor='ra')
         for i, name in enumerate(names):
-            force = [one.get(name, 0.0) for one in self.forces[: index + 1]]
-            x = [LEFT + (RIGHT - LEFT) * k / end for k in range(index + 1)]
-            y = [BOTTOM - (BOTTOM - TOP) * max(f, 0.0) / top for f in force]
-            pen.line([*zip(x, y, strict=True)], INKS[i % 4], 2)
-            pen.text((LEFT + 90 * i, TOP - 17), f'{name} {force[-1]:.2f} N', INKS[i % 4])
+            seen = [
+                (k, one[name]) for k, one in enumerate(self.forces[: index + 1]) if name in one
+            ]
+            pen.line(
+                [(LEFT + (RIGHT - LEFT) * k / end, BOTTOM - (BOTTOM - TOP) * max(f, 0.0) / top)
+                 for k, f in seen], INKS[i % 4], 2,
+            )  # fmt: skip
+            now = self.forces[index].get(name)
+            words = f'{name} not valid' if now is None else f'{name} {now:.2f} N'
+            pen.text((LEFT + 90 * i, TOP - 17), words, INKS[i % 4])
         return shown.quantize(COLOURS)
 
 
