@@ -73,7 +73,7 @@ class Calibration(Pipeline):
         if run is None:
             return super().process_batch(recording)
         if not run.baselines:
-            _warn(f'{run.name} tells no tare of its run: the baseline is that of the calibration')
+            _warn(f'{run.name} has no tare of its run: the baseline is that of the calibration')
         elif not self.rest_.tared:
             _warn(f'tares of {run.name} are left out: this calibration was fitted without rest')
             run = replace(run, baselines=())

@@ -452,7 +452,7 @@ class Pipeline:
             known = np.isfinite(column) if column.dtype.kind == 'f' else column != -1
             if key not in self.estimators and known.any():
                 rows = known.reshape(len(known), -1).any(axis=1) & good
-                counts[f'usable rows that tell {key}, which was not learned'] = int(rows.sum())
+                counts[f'usable rows with {key}, which was not learned'] = int(rows.sum())
         return {name: float(count) for name, count in counts.items()}
 
     @property
@@ -625,7 +625,7 @@ def _refuse_misfit(name: str, parts: Mapping[str, object], classes: Mapping[str,
     layout, rest, counts = parts['layout'], parts['rest_'], parts['left_out_']
     fitted = all(type(parts[key]) in classes.values() for key in ('config', 'estimation'))
     if not (isinstance(layout, Layout) and isinstance(rest, Rest) and fitted):
-        msg = f'{name} lacks a layout, a rest level or estimators; calibrate again'
+        msg = f'{name} has no layout, rest level or estimators; calibrate again'
         raise CalibrationError(msg)
     if not (isinstance(counts, dict) and all(isinstance(n, float) for n in counts.values())):
         msg = f'what the fit left out is no table of counts in {name}; calibrate again'

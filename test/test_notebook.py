@@ -131,7 +131,7 @@ def test_batch_of_a_bag_heeds_the_tares_of_its_run_or_says_that_it_does_not(
     untold = replace(recording)
     assert untold.run is None  # a copy is a recording like any other
     object.__setattr__(untold, 'run', replace(recording.run, baselines=()))
-    with pytest.warns(UserWarning, match='pressed tells no tare of its run'):
+    with pytest.warns(UserWarning, match='pressed has no tare of its run'):
         board.process_batch(untold)
     without = replace(presses, tare=None, truth={'position': presses.truth['position']})
     restless = tr.sensor('reskin_board').fit(without, estimator='grid_knn')

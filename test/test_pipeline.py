@@ -231,10 +231,10 @@ def test_an_axis_too_many_is_refused_where_as_many_rows_would_fit_it(tmp_path: P
         ('sensor', None, "it is of 'None'"),
         ('sensor', 3, "it is of '3'"),
         ('sensor', 'x' * 500, f"it is of '{'x' * 60}'"),
-        ('layout', 'hello', 'lacks a layout'),
-        ('layout', None, 'lacks a layout'),
-        ('config', {'positions': 3}, 'lacks a layout'),
-        ('estimation', (1, 2), 'lacks a layout'),
+        ('layout', 'hello', 'has no layout'),
+        ('layout', None, 'has no layout'),
+        ('config', {'positions': 3}, 'has no layout'),
+        ('estimation', (1, 2), 'has no layout'),
         *[
             ('left_out_', tree, 'left out is no table of counts')
             for tree in (None, 'hello', {'rows': 'many'}, [1.0], {'rows': {'a': 1.0}})
@@ -714,7 +714,7 @@ def test_a_fit_on_nothing_but_faults_says_so() -> None:
     assert not pipeline.calibrated
     assert pipeline.report['left_out'] == {
         'rows with a faulty taxel': 200.0,
-        'usable rows that tell force, which was not learned': 0.0,
+        'usable rows with force, which was not learned': 0.0,
     }
     pipeline.fit(lessons())
     assert 'left_out' not in pipeline.report

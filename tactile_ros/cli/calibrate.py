@@ -38,14 +38,14 @@ from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.registry import fit_layout
 from tactile_ros.types import Recording, Report
 
-KINDS = ('model: ', 'term: ', 'not told: ', 'found: ')
+KINDS = ('model: ', 'term: ', 'not learned: ', 'found: ')
 COLUMNS = (
     'target', 'estimator', 'held-out mean', 'held-out RMSE', 'in 1 sigma (%)', 'groups', 'rows',
 )  # fmt: skip
 UNTARED = (
-    'not told: when nothing touched, so this calibration takes readings as they are: it cannot be '
-    'tared, and a replay leaves tares out; tares of a contact_node without a calibration '
-    'in the same bag would tell (of four frames or more), tare rows, or in_contact 0 at rest '
+    'not learned: when nothing touched, so this calibration takes readings as they are: it cannot '
+    'be tared, and a replay leaves tares out; tares of a contact_node without a calibration '
+    'in the same bag would show it (of four frames or more), tare rows, or in_contact 0 at rest '
     '(--truth may be given twice)'
 )
 
@@ -79,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--estimator', help='one estimator instead of the best')
     parser.add_argument(
         '--truth', action='append', default=[],
-        help=f'topic that tells the truth; with --live: {guided.SOURCES}',
+        help=f'topic with the truth; with --live: {guided.SOURCES}',
     )  # fmt: skip
     parser.add_argument('--json', action='store_true', help='print the table as JSON')
     guided.add_arguments(parser)

@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='bags, .npz, .csv, or shipped names; default: the first bag among the competitors',
     )  # fmt: skip
     parser.add_argument('--sensor', help='key of the sensor, where only estimators are named')
-    parser.add_argument('--truth', action='append', default=[], help='topic that tells the truth')
+    parser.add_argument('--truth', action='append', default=[], help='topic with the truth')
     parser.add_argument('--seed', type=int, default=0, help='of resamples and swaps (0)')
     parser.add_argument('-o', '--output', type=Path, help='page (.html) or drawing (.svg)')
     add_overwrite(parser)

@@ -57,7 +57,7 @@ NICE = 10  # of fits beside the graph, which keeps time
 NOTES = (
     'Recordings: eFlesh (arXiv 2506.09994, MIT licence), 5 or 10 MLX90393 chips.',
     'The recordings have no temperature: 25 degrees Celsius is sent, and ignored.',
-    'Latency runs from the arrival of the bytes to the recorder that heard the contacts.',
+    'Latency runs from the arrival of the bytes to the recorder that received the contacts.',
     'Parts that are played with recorded time carry stamps of that time and show no latency.',
 )
 PLAYED_S = 20.0
@@ -69,7 +69,7 @@ TWIN_NOTES = (
     'than a real skin: figures show that the chain works, and what it does in that world alone.',
     'Learned from presses of another seed than those that are played; truth is what the signal '
     'says at the stamp of each frame.',
-    'Latency runs from the acquisition to the recorder that heard the contacts.',
+    'Latency runs from the acquisition to the recorder that received the contacts.',
 )
 
 

@@ -450,7 +450,7 @@ class Session:
         if press is not None:
             self.folder.write(len(guide.presses), press)
             if self.truth.silent(press):
-                self.log('nothing came that tells the truth of this press: look at its source')
+                self.log('no truth came for this press: look at its source')
             if judge.failure:
                 self.log(f'no error is known yet: {judge.failure}')
             if len(guide.presses) >= LEAST and len(guide.presses) % ROUND == 0:

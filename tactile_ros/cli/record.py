@@ -64,8 +64,8 @@ def refuse_empty(bag: Path, namespace: str) -> None:
     about = yaml.safe_load((bag / 'metadata.yaml').read_text())
     if not about['rosbag2_bagfile_information']['message_count']:
         msg = (
-            f'{bag} is empty, nothing was heard in /{namespace}: are sensor_node and contact_node '
-            'running there, with the same ROS_DOMAIN_ID?'
+            f'{bag} is empty, nothing was received in /{namespace}: are sensor_node and '
+            'contact_node running there, with the same ROS_DOMAIN_ID?'
         )
         raise TactileError(msg)
 

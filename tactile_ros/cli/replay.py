@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--calibration', type=Path, action='append', required=True,
         help='calibration file; several are compared in one table',
     )  # fmt: skip
-    parser.add_argument('--truth', action='append', default=[], help='topic that tells the truth')
+    parser.add_argument('--truth', action='append', default=[], help='topic with the truth')
     parser.add_argument(
         '--tolerance', type=partial(seconds, low=0.0),
         help='of truth by time (s); default: half a step',

@@ -30,11 +30,11 @@ class GripConfig:
     dead_time: float = number(0.02, 'from a command until the force begins to move', 's', 0, 1)
     lag: float = number(0.05, 'time constant of a drive that follows its target', 's', 1e-3, 2)
     stiffness_low: float = number(
-        5.0, 'softest object and hand together, where the hand tells no gains', 'N per closure',
+        5.0, 'softest object and hand together, where the hand states no gains', 'N per closure',
         0.1, 1e5,
     )  # fmt: skip
     stiffness_high: float = number(
-        300.0, 'stiffest object and hand together, where the hand tells no gains',
+        300.0, 'stiffest object and hand together, where the hand states no gains',
         'N per closure', 0.1, 1e5,
     )  # fmt: skip
     force_noise: float = number(
@@ -43,7 +43,7 @@ class GripConfig:
     closing_rate: float = number(0.25, 'fastest approach before contact', '1/s', 1e-4, 20)
     force_high: float = number(10.0, 'largest target of a finger', 'N', 1e-3, 1000)
     friction_low: float = number(
-        0.6, 'least friction of the objects, assumed until a slip tells', '1', 0.01, 5
+        0.6, 'least friction of the objects, assumed until a slip shows it', '1', 0.01, 5
     )
     relax_time: float = number(
         10.0, 'in which a raise for one slip fades; each further slip doubles it', 's', 0.1, 1e4

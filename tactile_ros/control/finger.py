@@ -57,7 +57,7 @@ class Finger:
         self.normal, self.sigma = nan, self._config.force_noise  # filtered force and noise (N)
         self.touching = False  # one whose force is not known keeps its last answer
         self.on = 0.0  # level of contact (N)
-        self.why = 'was never heard'  # its force cannot be used; empty: it can
+        self.why = 'never came'  # its force cannot be used; empty: it can
         self.waited = 0.0  # for a new force (s)
         self.unspent = False  # it has given a force that was not regulated yet
         self.target = 0.0  # force now (N)
@@ -99,7 +99,7 @@ class Finger:
         force, age = self.given.normal, self.given.age
         self.why = ''
         if not 0.0 <= age <= self._config.stale_age:
-            self.why = f'is stale ({age:.3f} s)' if age < inf else 'was never heard'
+            self.why = f'is stale ({age:.3f} s)' if age < inf else 'never came'
         elif not self.given.valid:
             self.why = 'says that it is not valid'
         elif not isfinite(force):

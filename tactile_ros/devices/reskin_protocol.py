@@ -123,7 +123,7 @@ def diagnose_stream(data: bytes, chips: int) -> str | None:
         if b'\t' not in data:
             kind = (
                 'AnySkin firmware, t,x,y,z without a separator between chips, so that the numbers '
-                'fuse and cannot be told apart'
+                'fuse and cannot be separated'
             )
         return f'the board prints text ({kind}): load its binary stream firmware'
     other = board_size(data)

@@ -618,7 +618,7 @@ class _McapFile:
                 _, _, number, _, log_ns, _ = MESSAGE_HEAD.unpack_from(stored, at)
                 topic = topics.get(number) or self._topic(number)
                 if topic is None:
-                    self.lost['has messages whose topic or type is not told'] += 1
+                    self.lost['has messages whose topic or type is unknown'] += 1
                 elif log_ns >> 63:
                     self.lost['has messages at times that no clock shows'] += 1
                 else:

@@ -390,12 +390,12 @@ def frames_dropped(sequence: Integers | None, restarts: Bools) -> int:
 
 
 def clock_problems(count: int, ahead: int) -> tuple[str, ...]:
-    """Sentence where many of the contacts were heard before the stamps of their frames."""
+    """Sentence where many of the contacts were received before the stamps of their frames."""
     if ahead <= MOST_AHEAD * count:
         return ()
     return (
-        f'no latency: {ahead} of {count} contacts were heard before the stamps of their frames, '
-        'whose clock is not the recorder’s',
+        f'no latency: {ahead} of {count} contacts were received before the stamps of their '
+        'frames, whose clock is not the recorder’s',
     )
 
 

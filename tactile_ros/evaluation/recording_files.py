@@ -162,7 +162,7 @@ def load(
         return Loaded((LoadedRecording(file.stem, load_recording(file)),))
     if file.suffix == '.csv':
         if layout is None:
-            msg = f'{file} does not tell the layout of its sensor; name it or a calibration'
+            msg = f'{file} has no layout of its sensor; name the sensor or a calibration'
             raise RecordingError(msg)
         return Loaded((LoadedRecording(file.stem, read_csv(file, layout)),))
     bag = Bag(file, layout, truth_topics, association, frames=FOREVER)

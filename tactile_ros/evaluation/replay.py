@@ -424,7 +424,7 @@ def with_tare_rows(loaded: LoadedRecording) -> tuple[Recording, str]:
     lost = len(tares) - len(rests)
     why = [f'{len(rests) - len(kept)} under load'] * (len(rests) > len(kept))
     why += [f'{lost} of frames that are not in the bag, or fewer than {FEWEST}'] * bool(lost)
-    problem = f'{len(kept)} of {len(tares)} tares tell when nothing touched; {" and ".join(why)}'
+    problem = f'{len(kept)} of {len(tares)} tares can be used; {" and ".join(why)}'
     touched = recording.truth.get('in_contact')
     if touched is not None and (touched == 0).any() and 0 < np.count_nonzero(tare) < ENOUGH:
         few = f'tares of fewer than {ENOUGH} frames in all are left out beside in_contact'

@@ -222,7 +222,7 @@ class TruthTopic:
             return {}, names, 0
         logs = np.concatenate(self._logs)
         if self.type_name == cdr_columns.STRING:
-            self.sentence = 'holds from when it was heard until the next'
+            self.sentence = 'holds from its arrival until the next'
             return (*held_labels(self._texts, logs, frames.stamp_ns, names), 0)
         arrays = cdr_columns.stack(self._parts, [len(part) for part in self._logs])
         stamps = cast('Integers', arrays.pop('stamp_ns')).astype(np.int64)
@@ -363,7 +363,7 @@ def _delay(
         return association.delay_ns, association.remark
     found = _delay_of_signals(frames, stamps, logs, truth)
     if found is None:
-        return 0, ' (assumed: the signals do not tell)'
+        return 0, ' (assumed: the signals do not show it)'
     significant = abs(found.delay_ns) > 3 * found.std_ns
     return round(found.delay_ns) if significant else 0, (
         f' (estimated: {found.delay_ns * 1e-6:.3g} +- {found.std_ns * 1e-6:.2g} ms from '

@@ -51,7 +51,7 @@ class Finger:
     )
     kp_factor: float = number(1.3, 'factor by which kp may be wrong either way', '1', 1.0, 10.0)
     free_effort: float = number(0.08, 'torque that moves a joint free of load', 'N m', 0.0, 10.0)
-    side: int = whole(0, '1, and -1 for what opposes it, a thumb say; 0: not told', -1, 1)
+    side: int = whole(0, '1, and -1 for what opposes it, such as a thumb; 0: not stated', -1, 1)
     sensors: tuple[str, ...] = texts(('finger',), 'namespaces of its sensors')
     frame: str = text_of('', 'link of the pad in robot_description, z out of the skin')
 
@@ -380,7 +380,7 @@ def parse(name: str, content: object) -> HandDescription:
     for key, entry in _mapping(f'fingers of {name}', document.get('fingers') or {}).items():
         values = _mapping(f'finger {key}', entry, known)
         if not values.keys() >= NEEDED:
-            msg = f'finger {key} must tell {", ".join(sorted(NEEDED - values.keys()))}'
+            msg = f'finger {key} must have {", ".join(sorted(NEEDED - values.keys()))}'
             raise ValueError(msg)
         fingers[admit_name('name of a finger', key)] = _made(Finger, values, f'finger {key}')
     return HandDescription(name, _made(kind, options, f'options of {name}'), fingers)

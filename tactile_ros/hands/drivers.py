@@ -31,10 +31,8 @@ if TYPE_CHECKING:
 # help of fields that several drivers have
 LOWEST, HIGHEST = 'lowest position of each joint', 'highest position of each joint'
 FASTEST = 'fastest motion of each joint'
-CONTROLLER = (
-    'controller whose parameter `joints` tells the order of the command; empty: as shipped'
-)
-PER_EFFORT = 'torque per unit of `effort` in joint states; 0: it tells none'
+CONTROLLER = 'controller whose parameter `joints` has the order of the command; empty: as shipped'
+PER_EFFORT = 'torque per unit of `effort` in joint states; 0: it has none'
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 NUMBERS = 'std_msgs/msg/Float64MultiArray'
 TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
@@ -131,7 +129,7 @@ class HandDriver:
     def remedy(self) -> str:
         """Advice where nothing takes the commands."""
         if not self.controller:
-            return 'start the driver of the hand, or tell its topic (command_topic)'
+            return 'start the driver of the hand, or set its topic (command_topic)'
         name = self.controller.rsplit('/', 1)[-1]
         other = name.replace('_effort', '')  # which the launch of a Plexus activates
         instead = f' --deactivate {other}' if other != name else ''
@@ -151,7 +149,7 @@ def in_order(names: tuple[str, ...], wanted: tuple[str, ...]) -> Integers:
     """Places (j,) of `wanted` names among `names`; ValueError if one is missing or twice there."""
     missing = [name for name in wanted if name not in names]
     if missing or len(set(wanted)) != len(wanted):
-        what = f'lack {", ".join(missing)}' if missing else 'name one twice'
+        what = f'do not have {", ".join(missing)}' if missing else 'name one twice'
         msg = f'joints must be those of the hand; {", ".join(names[:20])} {what}'
         raise ValueError(msg[:300])
     return np.array([names.index(name) for name in wanted], np.int64)

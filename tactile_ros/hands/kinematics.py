@@ -151,7 +151,7 @@ class RobotDescription:
         """
         missing = [name for name in names if name not in self.joints]
         if missing:
-            msg = f'robot_description must have every joint of the hand; it lacks {missing[0]}'
+            msg = f'robot_description must have every joint of the hand; missing is {missing[0]}'
             raise ValueError(msg)
         said = np.array([self.joints[name].limits for name in names])
         known = np.isfinite(said)

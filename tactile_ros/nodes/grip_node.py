@@ -43,7 +43,7 @@ ASK_PERIOD_S, PATIENCE = 0.5, 10  # periods in which a controller may answer
 STALE = int(FrameStatus.STALE)
 LAGS = (
     'at {:g} Hz a point of the trajectory lies two periods ahead, which is more than horizon_s: '
-    'joints lag by 1.44 periods more, which the parameter lag must be told too'
+    'joints lag by 1.44 periods more, add them to the parameter lag'
 )
 WATCH_S = 1e-2  # how often the clock is looked at, at most
 TINY = 1e-9  # N
@@ -116,7 +116,7 @@ class HandLink:
         self._described = learn is None
         self._misfit = ''
         self._why_no_description = f'{driver.description} has not come' if wait else ''
-        self._why_no_order = f'{driver.controller} does not tell the order of its joints yet'
+        self._why_no_order = f'{driver.controller} has not published the order of its joints yet'
         # one message for all commands: a fresh one costs as much as the law
         self._publishers: list[tuple[Publisher, Topic, object]] = [
             (node.create_publisher(MESSAGES[t.kind], t.name, qos(depth=3)), t, blank(t.kind))

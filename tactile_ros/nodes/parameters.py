@@ -78,7 +78,7 @@ class SensorOptions(NodeOptions):
     seed: int = parameter(0, 'of the twin: its signal, noise and faults', range=(0, 2**31 - 1))
     scene: str = parameter(
         'presses',
-        'what a twin plays: presses, or a lesson with something new in it',
+        'what a twin plays: presses, or a lesson: presses of a new class',
         choices=('presses', 'lesson'),
     )
     fault: str = parameter(

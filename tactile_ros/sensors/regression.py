@@ -599,7 +599,7 @@ CLASSES = (
 )  # fmt: skip
 
 
-KIND = 'not told: '
+KIND = 'not learned: '
 LIGHT = 1e-3  # of the largest load: less is none
 
 

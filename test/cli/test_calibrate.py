@@ -41,7 +41,7 @@ def test_calibrate_says_what_it_left_out(
     save_recording(recording.select(slice(0, 8)), few)
     out.unlink()
     assert main(['calibrate', 'reskin_board', str(few), '-o', str(out)]) == 1
-    assert '; left out: 4 usable rows that tell position, which' in capsys.readouterr().err
+    assert '; left out: 4 usable rows with position, which' in capsys.readouterr().err
     assert not out.exists()
 
 
@@ -67,13 +67,13 @@ def test_sentences_name_models_terms_and_what_was_not_told() -> None:
         'force_xyz': {'held_out_rmse': 1.0},
         'model: 27 dipoles': {'worst_error': 1.234e-7, 'noise': 4e-6},
         'term: tilt': {'costs': 4.567, 'buys': 33.1},
-        'not told: temperature': {},
+        'not learned: temperature': {},
         'found: change of the field at rest': {'per degree': -1.2e-3, 'sigma': 3.6e-4},
     }
     assert sentences(report) == [
         'model: 27 dipoles; it errs by 1.2e-07 at most, noise is 4e-06',
         'term: tilt; estimated it widens errors 4.57 times, left out it would 33.1 times',
-        'not told: temperature',
+        'not learned: temperature',
         'found: change of the field at rest; per degree -0.0012, sigma 0.00036',
     ]
 

@@ -87,7 +87,7 @@ def test_record_makes_a_bag_and_says_where_it_is_or_that_nothing_came(
 ) -> None:
     empty, bag = tmp_path / 'empty', tmp_path / 'bag'
     assert main(['record', '-o', str(empty), '--seconds', '0.1']) == 1
-    assert f'{empty} is empty, nothing was heard in /:' in capsys.readouterr().err
+    assert f'{empty} is empty, nothing was received in /:' in capsys.readouterr().err
     assert (empty / 'metadata.yaml').is_file()
     assert main(['record', '-o', str(empty)]) == 2
     assert 'exists already' in capsys.readouterr().err

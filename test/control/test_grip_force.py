@@ -127,7 +127,7 @@ def test_grip_force_crushes_nothing_where_a_sensor_fails() -> None:
     [
         ({'age': np.array([0.2, 0.0])}, 'finger 0 is stale (0.200 s)'),
         ({'age': np.array([0.0, -0.5])}, 'finger 1 is stale (-0.500 s)'),
-        ({'age': np.array([0.0, np.inf])}, 'finger 1 was never heard'),
+        ({'age': np.array([0.0, np.inf])}, 'finger 1 never came'),
         ({'valid': np.array([True, False])}, 'finger 1 says that it is not valid'),
         ({'normal': np.array([np.nan, 1.0])}, 'finger 0 gives a force that is not a number'),
         ({'normal': np.array([1.0, 1e308])}, 'finger 1 reads 1e+308 N, which no finger can'),

@@ -450,7 +450,7 @@ def test_tare_under_load_is_no_rest(always: bool) -> None:
         recording = replace(recording, truth=truth)
     also = np.append(before, before[3] + LONG // 2)
     tared, sentence = with_tare_rows(lived(recording, also))
-    assert sentence == '12 of 13 tares tell when nothing touched; 1 under load'
+    assert sentence == '12 of 13 tares can be used; 1 under load'
     assert np.count_nonzero(tared.tare) == PRESSES * TARED
     tared, sentence = with_tare_rows(lived(recording, before + LONG // 2))
     assert tared.tare is None
@@ -463,7 +463,7 @@ def test_tares_that_tell_nothing_new_change_nothing() -> None:
     others = tuple(replace(b, stamp_ns=1) for b in run.baselines)
     tared, sentence = with_tare_rows(replace(run, baselines=others))
     assert tared.tare is None
-    assert sentence.startswith('0 of 12 tares tell when nothing touched; 12 of frames that are')
+    assert sentence.startswith('0 of 12 tares can be used; 12 of frames that are')
     assert with_tare_rows(LoadedRecording('x', recording)) == (recording, '')
     rested = replace(recording, tare=np.isin(np.arange(len(recording)), before))
     assert with_tare_rows(replace(run, recording=rested))[0] is rested

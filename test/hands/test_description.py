@@ -162,7 +162,7 @@ def test_driven_by_renames_joints_by_place(
         np.testing.assert_array_equal(other.places(finger), hand.places(finger))
     assert hand.driven_by(hand.driver).fingers == hand.fingers
     if name == 'joint_trajectory':
-        with pytest.raises(ValueError, match='lack right_finger_joint'):
+        with pytest.raises(ValueError, match='do not have right_finger_joint'):
             hand.driven_by(replace(hand.driver, names=('left_finger_joint', 'x')))
 
 
@@ -177,8 +177,8 @@ LEFT = {'joints': ['a'], 'open': [0.1], 'pre_grasp': [0.2], 'closing': [0.5], 's
         ({'extra': 1}, 'a description of a hand must have none but driver, fingers, options'),
         ({'fingers': {}}, 'fingers of hand mine must be one or more'),
         ({'fingers': [1]}, 'fingers of mine must be a mapping of names'),
-        ({'fingers': {'left': {'joints': ['a']}}}, 'finger left must tell closing, open'),
-        ({'fingers': {'<b>': {}}}, 'finger <b> must tell'),
+        ({'fingers': {'left': {'joints': ['a']}}}, 'finger left must have closing, open'),
+        ({'fingers': {'<b>': {}}}, 'finger <b> must have'),
         ({'options': {'speed': 1}}, 'options of mine must have none but .* received speed'),
         ({'options': {'names': ['a', 'b']}}, 'options of mine: lower of JointTrajectoryHand must'),
         ({'options': {'names': 3}}, 'options of mine:'),

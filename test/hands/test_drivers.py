@@ -193,7 +193,7 @@ def test_read_command_takes_what_fill_writes(name: str) -> None:
 
 def test_in_order_names_the_missing() -> None:
     np.testing.assert_array_equal(in_order(('a', 'b', 'c'), ('c', 'a')), [2, 0])
-    with pytest.raises(ValueError, match='lack x'):
+    with pytest.raises(ValueError, match='do not have x'):
         in_order(('a', 'b'), ('a', 'x'))
     with pytest.raises(ValueError, match='name one twice'):
         in_order(('a', 'b'), ('a', 'a'))

@@ -138,7 +138,7 @@ def test_robot_description_refuses_hostile_documents(text: str) -> None:
 def test_robot_description_names_the_missing_and_ends_a_loop_of_links() -> None:
     robot = RobotDescription(PLANAR)
     assert (robot.has_link('tip'), robot.has_link('palm')) == (True, False)
-    with pytest.raises(ValueError, match='it lacks j9'):
+    with pytest.raises(ValueError, match='missing is j9'):
         robot.limits(('j0', 'j9'), OTHERWISE)
     with pytest.raises(ValueError, match="received 'nose'"):
         robot.chain('nose', ('j0',))

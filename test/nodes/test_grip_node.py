@@ -135,7 +135,7 @@ def test_a_controller_that_never_answers_is_asked_once_at_a_time(ros: Ros) -> No
     for _ in range(25):
         link._request_order()
     assert len(link._client._pending_requests) == 1
-    assert 'does not tell the order' in link.blocked
+    assert 'has not published the order' in link.blocked
 
 
 @pytest.mark.parametrize(

@@ -370,9 +370,9 @@ def test_calibrations_say_what_their_presses_could_not_tell() -> None:
     straight = np.zeros((90, 3))
     straight[60:, 2] = -np.linspace(0.05, 0.6, 30) * world().depth
     pipeline = SENSOR.pipeline(world().config).fit(world().recorded(straight, 3, made.Scene()))
-    said = [name for name in pipeline.report if name.startswith('not told: ')]
+    said = [name for name in pipeline.report if name.startswith('not learned: ')]
     assert any('force beyond' in one and 'full scale is 3.5 N' in one for one in said)
-    assert any('no chip told' in one for one in said)
+    assert any('no chip measured' in one for one in said)
     assert any('no rest in known fields' in one for one in said)
     test = world().record(300, 2)
     states = pipeline.process_batch(test)

@@ -136,7 +136,7 @@ def test_places_forces_and_cells_are_as_good_as_noise_allows() -> None:
     report = pipeline.report
     assert report['position'][f'rmse_{TABLE}'] < report['position']['rmse_grid_knn']
     assert 0.9 < report['pad']['height'] < 1.1
-    loads = report['not told: loads beyond those recorded (N)']
+    loads = report['not learned: loads beyond those recorded (N)']
     assert 1.5 <= loads['least'] < 2.5
     assert 9.0 < loads['most'] <= 10.0
     touches, fresh = record(2, 300)
@@ -444,7 +444,7 @@ def test_rests_at_other_temperatures_give_the_slope() -> None:
     assert drift.slope_ == pytest.approx(-2e-3, rel=0.25)
     assert drift.sigma_ < 0.8 * ThermalDrift().sigma_
     assert pipeline.fit(*warm_rests(-2e-3)).digest == digest  # whatever was fitted before
-    span = pipeline.report['not told: temperatures beyond those recorded (C)']
+    span = pipeline.report['not learned: temperatures beyond those recorded (C)']
     assert span['least'] == pytest.approx(21.0, abs=0.3)
     assert span['most'] == pytest.approx(30.0, abs=0.3)
 

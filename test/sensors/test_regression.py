@@ -197,16 +197,16 @@ def test_longest_hold_is_within_a_stream(
 def test_missing_history_names_a_rest_that_is_not_before_the_first_load(
     contact: list[int], tare: list[int] | None, begins: list[int], open_: bool
 ) -> None:
-    rest = 'not told: rest before any load (no tare rows)'
+    rest = 'not learned: rest before any load (no tare rows)'
     for crept, share in ((0.1, {'share of a load that rests may still hold': 0.1}), (0.0, {})):
         told = missing_history(signals(contact, [0, 1, 2, 3], tare, begins), crept)
         assert told.get(rest) == (share if open_ else None)
-        assert 'longest' in told['not told: holds beyond the longest (s)']
+        assert 'longest' in told['not learned: holds beyond the longest (s)']
         free = missing_history(signals(contact, None, tare, begins), crept)
-        assert 'not told: creep (frames without stamps)' in free
+        assert 'not learned: creep (frames without stamps)' in free
 
 
 def test_missing_loads_are_those_that_count() -> None:
     told = missing_loads(np.array([[np.nan, 0.0], [4.0, 1e-9], [-1.0, 0.5]]))
-    assert told == {'not told: loads beyond those recorded (N)': {'least': 0.5, 'most': 4.0}}
-    assert missing_loads(np.full(3, np.nan)) == {'not told: force (no truth of loads)': {}}
+    assert told == {'not learned: loads beyond those recorded (N)': {'least': 0.5, 'most': 4.0}}
+    assert missing_loads(np.full(3, np.nan)) == {'not learned: force (no truth of loads)': {}}

@@ -13,13 +13,13 @@ from tactile_ros.cli.calibrate import sentences
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Recording
 
-REST = 'not told: rest before any load (no tare rows)'
+REST = 'not learned: rest before any load (no tare rows)'
 
 
 def lacks(key: str, recording: Recording) -> dict[str, dict[str, float]]:
     """What the quickest calibration says that it was not told."""
     report = load_sensor(key).pipeline(estimator='grid_knn').fit(recording).report
-    found = {name: told for name, told in report.items() if name.startswith('not told: ')}
+    found = {name: told for name, told in report.items() if name.startswith('not learned: ')}
     assert len(sentences(found)) == len(found)
     return found
 
@@ -36,7 +36,7 @@ def test_tare_rows_and_stamps_that_lack_are_named(key: str, tmp_path: Path) -> N
     assert REST not in lacks(key, recording)
     assert REST in lacks(key, dataclasses.replace(recording, tare=None))
     unstamped = lacks(key, dataclasses.replace(recording, stamp_ns=None))
-    assert 'not told: creep (frames without stamps)' in unstamped
+    assert 'not learned: creep (frames without stamps)' in unstamped
     pipeline = load_sensor(key).pipeline(estimator='grid_knn').fit(recording)
     pipeline.save(tmp_path / 'c.npz')
     assert load_sensor(key).load(tmp_path / 'c.npz').report == pipeline.report
@@ -45,7 +45,7 @@ def test_tare_rows_and_stamps_that_lack_are_named(key: str, tmp_path: Path) -> N
 def test_before_a_fit_nothing_is_said() -> None:
     for key in ('taxel_array', 'five_wire_skin'):
         report = load_sensor(key).pipeline().report
-        assert not [name for name in report if name.startswith('not told: ')]
+        assert not [name for name in report if name.startswith('not learned: ')]
 
 
 def sheet(places: np.ndarray, loads: np.ndarray) -> Recording:
@@ -72,11 +72,11 @@ def grid(edge: int, low: float, high: float) -> np.ndarray:
 def test_few_places_one_load_and_a_corner_of_the_sheet_are_named() -> None:
     few = grid(3, 0.02, 0.04)
     found = lacks('five_wire_skin', sheet(few, np.full(len(few), 5.0)))
-    assert found['not told: loads beyond those recorded (N)'] == {'least': 5.0, 'most': 5.0}
+    assert found['not learned: loads beyond those recorded (N)'] == {'least': 5.0, 'most': 5.0}
     for what, wanted in (('place', 25.0), ('force', 49.0)):
-        named = found[f'not told: {what} between so few places']
+        named = found[f'not learned: {what} between so few places']
         assert named == {'places': 9.0, 'wanted': wanted}
-    assert found['not told: places far from all touches']['share of the sheet'] > 0.5
+    assert found['not learned: places far from all touches']['share of the sheet'] > 0.5
 
 
 def test_of_49_places_all_over_the_sheet_none_is_missed() -> None:
@@ -89,4 +89,4 @@ def test_taxels_that_were_never_pressed_are_counted() -> None:
     recording = presses('taxel_array')
     recording.truth['taxel_force'][:, 3:5] = 0.0
     found = lacks('taxel_array', recording)
-    assert found['not told: taxels that were never pressed'] == {'taxels': 2.0}
+    assert found['not learned: taxels that were never pressed'] == {'taxels': 2.0}

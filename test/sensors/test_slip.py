@@ -112,7 +112,7 @@ def test_too_few_sequences_teach_nothing() -> None:
     config = dataclasses.replace(SENSOR.config(), positions=recording.layout.positions)
     pipeline = SENSOR.pipeline(config).fit(recording)
     assert pipeline.estimators == {}
-    assert 'usable rows that tell slip, which was not learned' in pipeline.report['left_out']
+    assert 'usable rows with slip, which was not learned' in pipeline.report['left_out']
     assert (pipeline.process_batch(recording).slip == -1).all()
 
 

@@ -241,7 +241,7 @@ def test_creep_is_found_without_tare_rows() -> None:
     lesson = recorded(skin, *programme(12, 200.0), 3)
     pipeline = SPEC.pipeline(world.config(RING)).fit(untared(lesson))
     assert 'with creep' in pipeline.estimators['taxel_force']
-    lacks = pipeline.report['not told: rest before any load (no tare rows)']
+    lacks = pipeline.report['not learned: rest before any load (no tare rows)']
     assert 0.1 < lacks['share of a load that rests may still hold'] < 0.25
     time, force = held(60.0)
     hold = recorded(skin, time, force, 4)

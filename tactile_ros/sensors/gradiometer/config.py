@@ -39,7 +39,7 @@ class GradiometerConfig:
     full_scale: float = number(3.5, 'of every component of force', 'N', 1e-6, 1e6)
     stray_term: bool = switch(True, 'fields from outside are unknown; false: there are none')
     thermal_term: bool = switch(True, 'the disc warms and cools; false: it does not')
-    thermal_lag: float = number(0.0, 'disc behind chip; 0: told by recordings', 's', 0.0, 1e4)
+    thermal_lag: float = number(0.0, 'disc behind chip; 0: learned from recordings', 's', 0.0, 1e4)
 
     def __post_init__(self) -> None:
         """Check values once, at the door."""

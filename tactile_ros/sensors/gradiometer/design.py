@@ -74,7 +74,7 @@ def tables(config: GradiometerConfig, options: argparse.Namespace) -> list[Table
     discs = sorted({*DISCS, own})
     return [
         Table('gap', _columns('gap (mm)'), tuple(_row(f'{MILLI * g:g}', of(g, own)) for g in gaps),
-              ('A smaller gap hears more and measures less.',)),
+              ('A smaller gap gives more signal and less range.',)),
         Table('magnet', _columns('disc (mm)'),
               tuple(_row(_name(d), of(config.gap, d)) for d in discs),
               (f'Remanence {config.remanence:g} T; noise goes with its inverse.',)),

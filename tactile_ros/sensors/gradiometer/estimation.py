@@ -635,7 +635,7 @@ class GradiometerEstimation(Estimation):
         """Sentences on what the recordings of a fit did not show."""
         names = {str(name) for name, _ in self.answers_}
         missing = ' and '.join(name for name in TARGETS[:2] if name not in names)
-        said = [f'{missing}: no truth told it, and the config has no stiffness'] if missing else []
+        said = [f'{missing}: no truth had it, and the config has no stiffness'] if missing else []
         low, high = self.thermometer_.span_
         if len(f):
             full = self.config.full_scale
@@ -647,18 +647,18 @@ class GradiometerEstimation(Estimation):
             if loads:
                 said.append(f'force beyond {", ".join(loads)}; full scale is {full:.2g} N')
             if not np.isfinite([low, high]).all():
-                said.append('temperature: no chip told one')
+                said.append('temperature: no chip measured one')
             elif self.thermometer_.varies:
                 said.append(f'temperatures beyond {low:.0f}..{high:.0f} C')
                 if self.thermometer_.lag_ == 0 and not len(self.thermometer_.lags_):
                     said.append(
-                        'how the disc lags behind the chip: no stamps tell it, nor thermal_lag'
+                        'how the disc lags behind the chip: neither stamps nor thermal_lag show it'
                     )
             else:
                 said.append(f'temperatures other than about {0.5 * (low + high):.0f} C')
         if not still:
             said.append('gains and crossed axes beside forces: no rest in known fields')
-        self.report_ |= {f'not told: {one}': {} for one in said}
+        self.report_ |= {f'not learned: {one}': {} for one in said}
 
 
 @compiled

@@ -79,13 +79,13 @@ class ThermalDrift:
         if not self.fitted_:
             return {}
         if not np.isfinite(self.span_).all():
-            return {'not told: temperature (no chip told one)': {}}
+            return {'not learned: temperature (no chip measured one)': {}}
         ends = {'least': float(self.span_[0]), 'most': float(self.span_[1])}
         return {
             'found: change of the field at rest': {
                 'per degree': self.slope_, 'sigma': self.sigma_,
             },
-            'not told: temperatures beyond those recorded (C)': ends,
+            'not learned: temperatures beyond those recorded (C)': ends,
         }  # fmt: skip
 
     def fit(self, signals: Signals) -> ThermalDrift:
@@ -235,7 +235,7 @@ class Localisation(Recognition):
             return found
         found |= {'pad': response.report, **response.choice_}
         ends = {'least': float(span[0]), 'most': float(span[1])}
-        found['not told: loads beyond those recorded (N)'] = ends
+        found['not learned: loads beyond those recorded (N)'] = ends
         return found | self.terms_
 
     def begin_fit(self) -> None:

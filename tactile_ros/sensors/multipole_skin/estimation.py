@@ -512,7 +512,7 @@ class MultipoleEstimation(Estimation):
         ValueError if nothing was fitted, the name is taken, or a press is of no use.
         """
         if self.recogniser_ is None:
-            msg = f'enrol of {label!r} must follow a fit of a road by presses; none was made'
+            msg = f'enrol of {label!r} must follow a fit of a method by presses; none was made'
             raise ValueError(msg)
         if label in self.label_names and label not in self.names_:
             msg = f'label of enrol must be new; {label!r} is known from the fit'
