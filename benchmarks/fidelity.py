@@ -278,9 +278,10 @@ def drawing(rows: list[Row], limit: float, told: str) -> str:
     key = {}
     for name, us, error in shown:
         kind = next((i for i, word in enumerate(KINDS) if word in name), 0)
-        plot.mark(us, error, kind, f'fill c{kind}')
-        key[f'c{kind}'] = [*KINDS.values()][kind]
-    name_marks(plot, [spot for spot in shown if 'table' not in spot[0]])
+        colour = f'c{kind}' if kind < 5 else 'ink'
+        plot.mark(us, error, kind, f'fill {colour}')
+        key[colour] = [*KINDS.values()][kind]
+    name_marks(plot, shown)
     for row, (name, us, _) in enumerate(spot for spot in spots if spot[2] == 0):
         plot.rule(us, name, row=row)
     return standalone(plot, title=f'{told}: worst error against time', key=list(key.items()))
@@ -292,10 +293,12 @@ def spot_name(method: str) -> str:
 
 
 def name_marks(plot: Plot, spots: list[tuple[str, float, float]]) -> None:
-    """Name marks (name, x, y), each where its words meet no other mark or name."""
+    """Name marks (name, x, y) but tables, where their words meet no other mark or name."""
     middles = [(float(plot.x(x)), float(plot.y(y))) for _, x, y in spots]
     taken = [(a - 7, b - 7, a + 7, b + 7) for a, b in middles]
     for (name, x, y), (a, b) in zip(spots, middles, strict=True):
+        if 'table' in name:
+            continue
         words = name.replace(' with 2 x 2 points', '')
         wide = LETTER * len(words) + 4
         for anchor, shift in BESIDE:

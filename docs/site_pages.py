@@ -12,7 +12,7 @@ import json
 import re
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -120,6 +120,7 @@ def ros_reference() -> str:
         for path in sorted((ROOT / folder).iterdir()):
             parts += [f'### {path.stem}', f'```text\n{path.read_text().strip()}\n```']
     parts += ['## Parameters of nodes', *node_parameters()]
+    parts += ['## Parameters of grip_node', *grip_parameters()]
     parts += ['## Parameters of sensors', *sensor_parameters()]
     return '\n\n'.join(parts) + '\n'
 
@@ -154,17 +155,33 @@ def sensor_parameters() -> list[str]:
     parts = []
     for key in list_sensors():
         spec = load_sensor(key)
-        rows = []
-        for part in (spec.connection(), spec.config()):
-            for entry in dataclasses.fields(part):
-                about: dict[str, Any] = dict(entry.metadata)
-                value = '' if (value := getattr(part, entry.name)) is None else f'`{value}`'
-                shown = value if len(value) < LONGEST_DEFAULT else ''
-                bounds = about.get('choices') or about.get('range') or ''
-                unit = about.get('unit', '')
-                rows.append((f'`{entry.name}`', shown, unit, bounds, about['help']))
-        parts += [f'### {key}', table(('name', 'default', 'unit', 'range', 'meaning'), rows)]
+        parts += [f'### {key}', field_table(spec.connection(), spec.config())]
     return parts
+
+
+def grip_parameters() -> list[str]:
+    """Tables of the law of a grip, of a finger and of the hands' drivers."""
+    from tactile_ros.control import GripConfig
+    from tactile_ros.hands.drivers import DRIVERS
+
+    parts = ['### Law', field_table(GripConfig())]
+    for name, driver in DRIVERS.items():
+        parts += [f'### Driver {name}', field_table(driver())]
+    return parts
+
+
+def field_table(*configs: object) -> str:
+    """Table of the fields of configs, with default, unit, range and meaning."""
+    rows = []
+    for config, entry in (
+        (one, entry) for one in configs for entry in dataclasses.fields(cast('Any', one))
+    ):
+        about: dict[str, Any] = dict(entry.metadata)
+        value = '' if (value := getattr(config, entry.name)) is None else f'`{value}`'
+        shown = value if len(value) < LONGEST_DEFAULT else ''
+        bounds = about.get('choices') or about.get('range') or ''
+        rows.append((f'`{entry.name}`', shown, about.get('unit', ''), bounds, about['help']))
+    return table(('name', 'default', 'unit', 'range', 'meaning'), rows)
 
 
 def api() -> str:

@@ -41,6 +41,7 @@ def test_reference_has_every_interface_and_parameter(made: dict[str, str]) -> No
             assert f'### {path.stem}' in page
     assert '| tare_frames | `10` | (1, 10000) | frames that a tare averages |' in page
     assert '| `pixel_gap`' in page or '| `gap`' in page
+    assert '| `friction_low` | `0.6` | 1 | (0.01, 5) |' in page  # of the law of a grip
     assert '| `bus_clock` | `400000` |' in page  # of the connection
 
 

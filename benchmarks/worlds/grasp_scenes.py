@@ -176,7 +176,10 @@ def drawn_grasp(grasp: Grasped, hand: str) -> str:
     for i in range(count):
         plot.line(trace[:, 0], trace[:, 1 + count + i], 'rule')
         plot.line(trace[:, 0], trace[:, 1 + i], f'line c{i}')
-    key = [*((f'c{i}', name) for i, name in enumerate(FINGERS[hand])), ('', 'dashed: asked for')]
+    key = [
+        *((f'c{i}', name) for i, name in enumerate(FINGERS[hand])),
+        ('ink', 'dashed: asked for'),
+    ]
     return standalone(plot, title=f'True forces of a grasp, {hand} hand', key=key)
 
 

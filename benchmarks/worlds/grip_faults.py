@@ -325,8 +325,9 @@ def drawn(hands: Mapping[str, Sequence[Suffered]]) -> str:
     """Forces (N) after all faults of each hand, between bounds; a mark where it began to hold."""
     ends = [float(one.at[-1]) for each in hands.values() for one in each if len(one.at)]
     longest = MS * max(ends, default=1.0)
-    changes = [[MS * (one.force - one.force[0]) for one in each] for each in hands.values()]
-    most = 1.15 * max((float(np.nanmax(np.abs(c))) for each in changes for c in each), default=1.0)
+    changes = [[MS * (one.force - one.force[:1]) for one in each] for each in hands.values()]
+    every = np.concatenate([c for each in changes for c in each] or [np.ones(1)])
+    most = 1.15 * float(np.abs(every[np.isfinite(every)]).max(initial=1.0))
     plot = Plot((0.0, longest), (-most, most), 'time after the fault (ms)',
                 'change of the largest force (mN)', (480, 300),
                 description='Change of the force after each fault of a grasp')  # fmt: skip

@@ -494,8 +494,8 @@ def place_map(target: TargetErrors, chips: Array) -> Figure:
         sizes = (mean[~rim].mean(), mean[rim].mean(), mean.max())
         inner, outer, worst = (quantity(size / MM, 'm') for size in sizes)
         caption += f': {inner} on average inside, {outer} in the outer tenth; at worst {worst}'
-    key = shade_key(limits, 'mm')
-    return Figure('Where on the pad it errs', f'{caption}. Crosses: chips.', (plot,), key)
+    caption += '. Crosses: chips.'
+    return Figure('Where on the pad it errs', caption, (plot,), shade_key(limits, 'mm'))
 
 
 def _histogram(
@@ -662,9 +662,6 @@ def speed(points: Mapping[str, Span], unit: str, colours: Mapping[str, str]) -> 
     return Figure('Speed against error', f'{caption}. Down and left is better.', (plot,))
 
 
-CONFUSION_KEY = (('s1', '0.5–2'), ('s2', '2–5'), ('s3', '5–15'), ('s4', '> 15 %'))
-
-
 def confusion_plot(table: Array, name: str, description: str) -> Plot:
     """Share (n, n) (%) of each true class (row) that is named as each, in four shades."""
     ends = (-0.5, len(table) - 0.5)
@@ -693,7 +690,8 @@ def confusion_figure(errors: ClassErrors) -> Figure:
     if pairs := [f'{a} for {b} ({wrong[a, b]:.0f} %)' for a, b in worst if wrong[a, b] >= 0.5]:
         text += f'; taken most often: {", ".join(pairs)}'
     caption = f'{text}. A row adds up to 100 % with those not named.'
-    return Figure(f'Which {name} is taken for which', caption, (plot,), CONFUSION_KEY)
+    key = shade_key((0.5, 2, 5, 15), '%')[1:]
+    return Figure(f'Which {name} is taken for which', caption, (plot,), key)
 
 
 def contact_sentence(errors: ContactErrors) -> str:

@@ -119,4 +119,4 @@ def test_faults_of_a_grasp_are_drawn_also_where_nothing_reacted_or_was_heard() -
     text = grip_faults.drawn({'one': suffered, 'other': suffered[2:]})
     ET.fromstring(text)
     assert 'one: 3 faults' in text
-    assert text.count('fill c0') == 1 < text.count('line c0')
+    assert text.count('path class="fill c0"') == 1 < text.count('line c0')
