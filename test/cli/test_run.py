@@ -148,7 +148,7 @@ def test_wait_for_frames_looks_until_they_come_or_a_process_ends(
 def test_record_refuses_a_bag_without_a_message(tmp_path: Path) -> None:
     with BagWriter(tmp_path / 'bag'):
         pass
-    with pytest.raises(TactileError, match='nothing was heard in /thumb'):
+    with pytest.raises(TactileError, match='nothing was received in /thumb'):
         record.refuse_empty(tmp_path / 'bag', 'thumb')
     with BagWriter(tmp_path / 'other') as other:
         other.write('/label', 'std_msgs/msg/String', 1, b'\0' * 8)

@@ -146,7 +146,7 @@ def test_hysteresis_drift_and_confusion_measure_gap_slope_and_share() -> None:
     time = np.arange(800) * 0.05
     force = 5 - 5 * np.cos(2 * np.pi * time / 10)
     gap = remembering(force, np.where(np.gradient(force) < 0, 0.3, 0.0), time)
-    words = '0.3 N apart on average, at worst 0.3 N: 3 % of the range'
+    words = 'differ by 0.3 N on average, at worst 0.3 N: 3 % of the range'
     assert words in hysteresis(gap.answers[0].target('force_z')).caption
     moved = drift(remembering(force, 0.02 * time, time).answers[0].target('force_z'), 'c0')
     assert 'Over 40 s the mean error moves by +0.799 N' in moved.caption
