@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.harness.driver_speed import bus_rows, decoding_rows, memory_rows
-from benchmarks.harness.fault_trials import STORM, STORMS, Road, Trial, suffer, ways
+from benchmarks.harness.fault_trials import STORM, STORMS, Road, Trial, noise_beside, suffer, ways
 from benchmarks.harness.fuzz import (
     PIECE,
     BoardSubject,
@@ -82,12 +82,14 @@ def _faults(extent: str) -> tuple[list[str], list[Row]]:
     for key in list_sensors():
         for how in ways(load_sensor(key))[:: 2 if extent == 'quick' else 1]:  # no bursts
             name = ' '.join([key, *map(str, how.values())])
-            twin = Road(load_sensor(key), how).twin
+            untried = Road(load_sensor(key), how)
+            twin = untried.twin
             kind = 'ReSkin board' if name == 'reskin_board' else 'framed boards'
             kind = 'chips on I2C' if 'i2c' in name else kind
             for fault in twin.faults:
                 counts = (1, STORMS.get(fault, STORM))
-                with Road(load_sensor(key), how) as road:
+                noise = noise_beside(fault, untried.layout)
+                with Road(load_sensor(key), how, noise=noise) as road:
                     asked = counts[1:] if extent == 'quick' else counts
                     trials = [suffer(road, fault, count, 0.25) for count in asked]
                 injected, counted, bad = _sums(trials)

@@ -174,6 +174,11 @@ class Road(Closing):
         return int(np.count_nonzero(usable(frame) & ~near))
 
 
+def noise_beside(fault: str, layout: Layout) -> float:
+    """Noise of a reading (unit of the layout) where it tells a stuck taxel from a live one; 0."""
+    return {'T': 5e-6, '1': 2e-3}[layout.unit] if fault == 'stuck_chip' else 0.0
+
+
 def ways(spec: SensorSpec) -> list[dict[str, object]]:
     """Fields of the connection for every way in which a sensor can be connected and read."""
     if not hasattr(spec.connection(), 'transport'):

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import betaln
 
 from tactile_ros.types import Array, Bools, Bytes, TaxelStatus, plausible_temperature
 
 LEAST_VOTES = 100  # readings
 STUCK_AFTER = 10  # identical readings in a row
-STUCK_CHANCE = 1e-6  # that noise alone makes such a run
+FALSE_ALARM = 1e-6  # probability with which noise alone makes such a run, of all taxels together
 MARGIN = 0.02  # share of the range at its ends that counts as saturated
 JUMP = 0.5  # of the range: the largest change from one reading to the next that is trusted
 
@@ -29,23 +30,21 @@ def measured_temperature(chips: Array) -> Array:
 class StuckDetector:
     """Runs of identical readings of t taxels, judged by how often each repeated itself before.
 
-    A taxel is stuck after `STUCK_AFTER` identical readings in a row, or its reading stale, where
-    its own repeats before make that run less probable than `STUCK_CHANCE` or `stale_chance`. A
+    The reading of a taxel is stale where its own repeats before make its run of identical ones
+    less probable than `FALSE_ALARM`, and the taxel stuck where these are `STUCK_AFTER` or more. A
     repeat counts only where at least the share `others` of all taxels changed; a taxel that has
     not changed `least_changes` times yet may rest since the start. Runs of stuck taxels are not
     learnt.
 
     Notes
     -----
-    The probability of a repeat is the larger of two shares: among all readings, and among those
-    that follow a repeat, since a taxel that rests between touches has few long runs.
+    The probability of a run is the larger of two: with the share of repeats among all readings, by
+    a beta-binomial law, which heeds how few were seen; and with that among readings that follow a
+    repeat, since a taxel that rests between touches has few long runs.
     """
 
-    def __init__(
-        self, taxels: int, others: float = 0.0, stale_chance: float = 1e-3, least_changes: int = 0
-    ) -> None:
-        self._log_stuck = np.log(STUCK_CHANCE)
-        self._log_stale = np.log(stale_chance)
+    def __init__(self, taxels: int, others: float = 0.0, least_changes: int = 0) -> None:
+        self._log_chance = np.log(FALSE_ALARM / taxels)
         self._others = others * taxels
         self._least_changes = least_changes
         self._readings: npt.NDArray[Any] | None = None
@@ -99,19 +98,25 @@ class StuckDetector:
 
     def status(self) -> Bytes:
         """Bits of `TaxelStatus`, shape (t,): STALE and STUCK."""
-        stale = self._unlikely(self._log_stale) * np.uint8(TaxelStatus.STALE)
-        return np.asarray(stale | self.stuck() * np.uint8(TaxelStatus.STUCK), np.uint8)
+        stale = self._unlikely()
+        stuck = (stale & (self._run + 1 >= STUCK_AFTER)) * np.uint8(TaxelStatus.STUCK)
+        return np.asarray(stale * np.uint8(TaxelStatus.STALE) | stuck, np.uint8)
 
     def stuck(self) -> Bools:
         """Taxels, shape (t,), whose run of repeats is longer than their own noise explains."""
-        return self._unlikely(self._log_stuck) & (self._run + 1 >= STUCK_AFTER)
+        return (self.status() & TaxelStatus.STUCK) > 0
 
-    def _unlikely(self, log_chance: float) -> Bools:
+    def _unlikely(self) -> Bools:
         """Taxels whose run is less probable than that."""
-        share = (self._repeats + 0.5) / (self._repeats + self._changed + 1)
-        again = (self._repeats - self._runs + share) / (self._repeats + 1)
-        unlikely = self._run * np.log(np.maximum(share, again)) < log_chance
-        return np.asarray(unlikely & (self._changed >= self._least_changes), np.bool_)
+        repeats, changes = self._repeats + 0.5, self._changed + 0.5
+        again = self._repeats - self._runs + repeats / (repeats + changes)
+        log = np.maximum(
+            betaln(repeats + self._run, changes) - betaln(repeats, changes),
+            self._run * np.log(again / (self._repeats + 1)),
+        )
+        return np.asarray(
+            (log < self._log_chance) & (self._changed >= self._least_changes), np.bool_
+        )
 
 
 class ChipFaultDetector:

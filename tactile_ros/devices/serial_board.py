@@ -41,7 +41,6 @@ ROUNDING = 1e-9  # share of a limit
 MARKS = {
     'saturated': TaxelStatus.SATURATED, 'stale': TaxelStatus.STALE, 'stuck': TaxelStatus.STUCK,
 }  # fmt: skip
-FALSE_ALARM = 1e-6  # largest probability with which noise alone explains a board that stands still
 
 
 def check_uart(what: str, size: int, rate_hz: float, baud: int) -> None:
@@ -86,7 +85,7 @@ class SerialBoard(Closing, Device):
         self._layout = layout
         self._port = SerialPort(port, baud)
         self._stream, self._stuck, self._time_of = decoder, stuck, time_of
-        self._frozen = StuckDetector(1, stale_chance=FALSE_ALARM)
+        self._frozen = StuckDetector(1)
         self._clock = clock
         self._age_ns = 0 if native_usb else round(decoder.size * BITS_PER_BYTE / baud * 1e9)
         self._frames: deque[Frame] = deque()
