@@ -48,7 +48,7 @@ TITLES = {
 }  # in this order; others follow by name
 COLUMNS = ('published', 'peer', 'ours', 'bound', 'aim', '', 'µs, one', 'µs, of a batch')
 MARKS = {None: '', True: '✓ held', False: '✗ missed'}
-SUMMARY_COLUMNS = ('figure', 'unit', 'published', 'simple method', 'ours', 'aim', 'command')
+SUMMARY_COLUMNS = ('figure', 'ours', 'unit', 'simple method', 'published', 'aim', 'command')
 # bench on real recordings, how its row begins there, and the words of the README's table
 HEADLINES = (
     ('reskin', 'place, held-out grid points:', 'place, unseen grid points'),
@@ -260,7 +260,7 @@ def markdown(files: Sequence[BenchFile]) -> tuple[list[str], list[str]]:
         ours = f'**{number(row.ours, row.aim)}**{deviation(row.spread)}'
         aim = '' if row.aim is None else aim_of(row) + ', missed' * (row.held is False)
         unit = '' if row.unit in ('1', 'ratio') else row.unit
-        table.append([words, unit, published, peer, ours, aim, f'`tactile bench {bench}`'])
+        table.append([words, ours, unit, peer, published, aim, f'`tactile bench {bench}`'])
     return [f'| {" | ".join(line)} |' for line in table], missing
 
 

@@ -15,7 +15,6 @@ STYLE = (
 )
 COLOURS = {
     '3V3': '#d0493a', 'VCC': '#d0493a', 'GND': '#7f8c8d', 'SDA': '#2f8fd0', 'SCL': '#b7950b',
-    'USB': '#a05cc0',
     'A': '#d0493a', 'B': '#2f8fd0', 'C': '#b7950b', 'D': '#27ae60', 'foil': '#a05cc0',
     'R0': '#a05cc0', 'row': '#2f8fd0', 'column': '#b7950b', 'Bx,': '#2f8fd0', 'A0': '#b7950b',
     'select': '#27ae60',
@@ -82,39 +81,38 @@ def to_ground(x: float, y: float, words: str) -> str:
 
 
 BUS = ('3V3', 'GND', 'SDA', 'SCL')
-USB: Box = ('computer', ('/dev/ttyACM0',), ('USB',))
 DRAWINGS: dict[str, str] = {
     'wiring_usb': drawn(
         'ReSkin, AnySkin and eFlesh boards',
         ('sensor board', ('5 x MLX90393', 'under the skin'), ()),
-        ('QT Py or Trinket M0', ('I2C at 400 kHz,', 'streams binary', 'frames'), BUS),
-        USB,
+        ('QT Py or Trinket M0', ('I2C at 400 kHz;', 'USB to', '/dev/ttyACM0'), BUS),
     ),
     'wiring_i2c': drawn(
         'MLX90393 on I2C',
         ('MLX90393', ('CS to 3V3: I2C', 'A0, A1 to GND or', '3V3: 0x0C to 0x0F'), ()),
-        ('TCA9548A', ('only for more', 'than 4 chips', 'on a bus'), BUS),
-        ('computer', ('/dev/i2c-1', 'pull-ups to 3V3,', 'smaller with', 'many chips'), BUS),
+        (
+            'computer, /dev/i2c-1',
+            ('pull-ups to 3V3,', 'smaller for many;', 'over 4 chips: a', 'TCA9548A between'),
+            BUS,
+        ),
     ),
     'wiring_framed': drawn(
         'Four Hall pixels behind a microcontroller',
         ('four pixels', ('each gives', 'Bx and Bz'), ()),
         (
             'microcontroller',
-            ('A0 to A7,', '12 bits, 1 kHz', 'framed protocol'),
+            ('A0 to A7, 12 bits,', 'at 1 kHz; USB to', '/dev/ttyACM0'),
             ('3V3', 'GND', 'Bx, Bz of each'),
         ),
-        USB,
     ),
     'wiring_taxels': drawn(
         'A matrix of taxels behind a microcontroller',
         ('taxel matrix', ('piezoresistive', 'between rows', 'and columns'), ()),
         (
             'microcontroller',
-            ('one row at VREF,', 'the others at GND;', 'converts each', 'column'),
+            ('one row at VREF,', 'the others at GND;', 'converts columns;', 'USB'),
             ('row 1..m', 'column 1..n'),
         ),
-        USB,
         grounded='R0, each column',
     ),
     'wiring_lines': drawn(
@@ -122,10 +120,9 @@ DRAWINGS: dict[str, str] = {
         ('16 taxels', ('from VCC through', 'a multiplexer', 'to A0'), ()),
         (
             'Arduino',
-            ('prints a line', 'for each frame,', '115200 baud'),
+            ('prints a line a', 'frame, 115200 baud;', 'USB'),
             ('VCC', 'select pins', 'A0'),
         ),
-        USB,
         grounded='R0',
     ),
     'wiring_five_wires': drawn(
@@ -134,18 +131,13 @@ DRAWINGS: dict[str, str] = {
         (
             'microcontroller',
             (
-                '1: A high, C low',
-                '2: B high, D low',
-                '3: A to D high,',
-                'R0 pin low',
-                '1, 2: R0 pin open',
-                'converts the foil',
+                '1: A high, C low', '2: B high, D low', '3: A to D high,', 'R0 pin low',
+                '(open in 1, 2);', 'converts the foil',
             ),
             ('A', 'B', 'C', 'D', 'foil', 'R0 to a pin'),
         ),
-        USB,
     ),
-}
+}  # fmt: skip
 
 if __name__ == '__main__':
     for stem, drawing in DRAWINGS.items():
