@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
-from scipy.sparse import coo_matrix
 from scipy.sparse.linalg import splu
 
+from reference.sheet_solver import network_matrix, network_potential
 from tactile_ros.types import Layout, Recording
 
 NODES = 81
@@ -84,22 +84,13 @@ class SheetWorld:
             along_y[near[:, 1:] & near[:, :-1]] += 1e5
         first = np.concatenate([number[:-1].ravel(), number[:, :-1].ravel()])
         second = np.concatenate([number[1:].ravel(), number[:, 1:].ravel()])
-        link = np.concatenate([along_x.ravel(), along_y.ravel()])
-        ends = np.concatenate([first, second, first, second])
-        others = np.concatenate([second, first, first, second])
-        matrix = coo_matrix((np.concatenate([-link, -link, link, link]), (ends, others))).tocsc()
+        links = first, second, np.concatenate([along_x.ravel(), along_y.ravel()]), number.size
         held = np.array([number[i, j] for i, j in corners])
-        self.splines = [self._excited(matrix, held[[a, b]]) for a, b in ((0, 2), (1, 3))]
-        self.series = self._series(matrix, held)
-
-    def _excited(self, matrix: object, held: np.ndarray) -> RectBivariateSpline:
-        """Potential with one corner at 1 and the other at 0."""
-        free = np.setdiff1d(np.arange(self.x.size), held)
-        potential = np.zeros(self.x.size)
-        potential[held] = [1.0, 0.0]
-        current = -(matrix[free][:, held] @ potential[held])
-        potential[free] = splu(matrix[free][:, free]).solve(current)
-        return RectBivariateSpline(*self.axes, potential.reshape(self.x.shape))
+        self.splines = []
+        for excited in (held[[0, 2]], held[[1, 3]]):
+            potential = network_potential(*links, excited, np.array([1.0, 0.0]))
+            self.splines.append(RectBivariateSpline(*self.axes, potential.reshape(nx, ny)))
+        self.series = self._series(network_matrix(*links), held)
 
     def _series(self, matrix: object, held: np.ndarray) -> RectBivariateSpline:
         """Resistance (ohm) from a square touch of 15 mm to all corners."""

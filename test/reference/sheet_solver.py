@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
+from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.linalg import spsolve
 from scipy.spatial import Delaunay
 
@@ -85,16 +85,21 @@ def network_potential(
     first: Integers, second: Integers, weight: Array, count: int, held: Integers, level: Array
 ) -> Array:
     """Potentials (n,) of nodes joined by links of a conductance, some of them held at a level."""
-    row = np.concatenate([first, second, first, second])
-    column = np.concatenate([second, first, first, second])
-    value = np.concatenate([-weight, -weight, weight, weight])
-    matrix = coo_matrix((value, (row, column)), shape=(count, count)).tocsc()
+    matrix = network_matrix(first, second, weight, count)
     potential = np.zeros(count)
     potential[held] = level
     free = np.setdiff1d(np.arange(count), held)
     current = -(matrix[free][:, held] @ potential[held])
     potential[free] = spsolve(matrix[free][:, free], current)
     return potential
+
+
+def network_matrix(first: Integers, second: Integers, weight: Array, count: int) -> csc_matrix:
+    """Currents (n, n) into nodes joined by links of a conductance, by their potentials."""
+    row = np.concatenate([first, second, first, second])
+    column = np.concatenate([second, first, first, second])
+    value = np.concatenate([-weight, -weight, weight, weight])
+    return coo_matrix((value, (row, column)), shape=(count, count)).tocsc()
 
 
 @dataclass(frozen=True)
