@@ -25,6 +25,7 @@ KINDS = (
 UNFINISHED: set[str] = set()  # files under way, removed where a program is interrupted
 LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # the same in C, where it was built
 MOST_YAML_BYTES, MOST_YAML_NODES = 1_000_000, 100_000
+MOST_YAML_DEPTH = 100  # of lists in lists; thousands would end the parser, and Python with it
 
 
 def write_atomically(path: str | os.PathLike[str], data: bytes) -> Path:
@@ -108,6 +109,13 @@ def read_yaml(text: str | bytes) -> object:
         msg = f'no plain yaml: at most {MOST_YAML_BYTES} bytes are read, not {len(text)}'
         raise ValueError(msg)
     try:
+        depth = 0
+        for event in yaml.parse(text, LOADER):
+            depth += isinstance(event, yaml.CollectionStartEvent)
+            depth -= isinstance(event, yaml.CollectionEndEvent)
+            if depth > MOST_YAML_DEPTH:
+                msg = f'no plain yaml: more than {MOST_YAML_DEPTH} lists in one another'
+                raise ValueError(msg)
         loader = LOADER(text)
         node = loader.get_single_node()
         if _expanded(node, {}) > MOST_YAML_NODES:

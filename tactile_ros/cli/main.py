@@ -35,6 +35,7 @@ COMMANDS = {  # with the first line of its module, which alone is imported to ru
     'bench': 'Compare with published figures and with peers, then time; write json.',
 }
 FAILED, WRONG_USE, INTERRUPTED, UNHEARD = 1, 2, 130, 141
+LONGEST = 2000  # letters of a sentence
 SETTINGS = Path('tactile.toml')  # in the working folder
 MOST_SETTINGS = 10_000  # bytes
 SIMULATED = '--simulated'
@@ -182,10 +183,11 @@ def parse(top: argparse.ArgumentParser, given: list[str]) -> argparse.Namespace:
 
 def sentence(error: Exception) -> str:
     """Error in words, without the number that the system gives it, harmless to a terminal."""
+    said = with_guess(str(error))
     if isinstance(error, OSError) and error.strerror:
         named = [str(name) for name in (error.filename, error.filename2) if name]
-        return plain(': '.join([*named, error.strerror]))
-    return plain(with_guess(str(error)))
+        said = ': '.join([*named, error.strerror])
+    return plain(said if len(said) <= LONGEST else f'{said[:LONGEST]}... ({len(said):,} letters)')
 
 
 def main(arguments: list[str] | None = None) -> int:

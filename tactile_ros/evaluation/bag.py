@@ -52,6 +52,7 @@ METADATA_NS = 5_000_000_000
 MAGIC = b'\x89MCAP0\r\n'
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, CHUNK_INDEX, DATA_END = 2, 3, 4, 5, 6, 8, 15
 TAKEN = (SCHEMA, CHANNEL, MESSAGE, CHUNK, CHUNK_INDEX)
+MOST_TOPICS = 1 << 16  # as in an MCAP
 LARGEST_CHUNK = 1 << 28  # bytes; a longer record is damage, not data
 HEAD = struct.Struct('<BQ')  # of a record: code, length
 MESSAGE_HEAD = struct.Struct('<BQHIQQ')  # and channel, sequence, log time, publish time
@@ -689,8 +690,15 @@ def _read_sqlite(file: Path, content: BagContent, takers: Takers) -> Iterator[No
     count = 0
     try:
         with closing(sqlite3.connect(f'{file.resolve().as_uri()}?mode=ro', uri=True)) as base:
+            if made_up := _made_up(base):
+                content.problems.append(f'{file.name} was left out: it holds {made_up}')
+                return
             topics = dict(_sqlite_topics(base, content, takers))
-            rows = base.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY id')
+            rows = base.execute(
+                'SELECT topic_id, timestamp, data FROM messages WHERE length(data) <= ? '
+                'ORDER BY id',
+                (LARGEST_CHUNK,),
+            )
             for number, log_ns, data in rows:
                 count += 1
                 name, take = topics.get(number, ('', None))
@@ -703,6 +711,17 @@ def _read_sqlite(file: Path, content: BagContent, takers: Takers) -> Iterator[No
         content.problems.append(f'{file.name} is damaged after {count} messages: {err}')
 
 
+def _made_up(base: sqlite3.Connection) -> str:
+    """Name what makes rows up instead of storing them: they may have no end; empty: nothing."""
+    for name in ('topics', 'messages', 'message_definitions'):
+        kinds = base.execute('SELECT type FROM sqlite_master WHERE lower(name) = ?', (name,))
+        if any(kind != 'table' for (kind,) in kinds):
+            return f'{name} that is no table'
+        if any(column[-1] for column in base.execute(f'PRAGMA table_xinfo({name})')):
+            return f'computed columns in {name}'
+    return ''
+
+
 def _sqlite_topics(
     base: sqlite3.Connection, content: BagContent, takers: Takers
 ) -> Iterator[tuple[int, tuple[str, Taker | None]]]:
@@ -713,7 +732,7 @@ def _sqlite_topics(
         for kind, encoding, text in base.execute(f'SELECT {wanted} FROM message_definitions'):
             if encoding == 'ros2msg':
                 content.texts[str(kind)] = str(text)
-    topics = base.execute('SELECT id, name, type, * FROM topics')
+    topics = base.execute('SELECT id, name, type, * FROM topics LIMIT ?', (MOST_TOPICS,))
     columns = [column for column, *_ in topics.description]
     for row in topics:
         number, name, kind = row[0], str(row[1]), str(row[2])

@@ -10,6 +10,7 @@ import struct
 import subprocess
 import sys
 import textwrap
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
@@ -222,6 +223,31 @@ def test_sqlite3_bags_are_read_and_a_damaged_one_as_far_as_it_goes(tmp_path: Pat
     damaged = read_all(file)
     assert len(damaged.messages) < 200
     assert 'is damaged after' in damaged.problems[0]
+
+
+ENDLESS = (
+    'AS WITH RECURSIVE t(id) AS (SELECT 1 UNION ALL SELECT id + 1 FROM t) '
+    "SELECT id, 1 AS topic_id, id AS timestamp, '/x' AS name, 'y' AS type, x'00' AS data FROM t"
+)
+
+
+@pytest.mark.parametrize(
+    ('tables', 'said'),
+    [
+        (f'CREATE TABLE topics(id, name, type); CREATE VIEW messages {ENDLESS}', 'no table'),
+        (f'CREATE VIEW topics {ENDLESS}; CREATE TABLE messages(id)', 'topics that is no table'),
+        ('CREATE TABLE topics(id, name, type); CREATE TABLE messages(id, topic_id, timestamp, '
+         'data GENERATED ALWAYS AS (zeroblob(900000000)))', 'computed columns in messages'),
+    ],
+)  # fmt: skip
+def test_sqlite3_rows_that_are_made_up_are_not_read(
+    tmp_path: Path, tables: str, said: str
+) -> None:
+    with closing(sqlite3.connect(tmp_path / 'bag.db3')) as base:
+        base.executescript(tables)
+    content = read_all(tmp_path / 'bag.db3')
+    assert content.messages == []
+    assert said in content.problems[0]
 
 
 def test_wrong_files_folders_and_types_are_named_and_nothing_is_written_over(
