@@ -78,6 +78,7 @@ def test_a_failure_of_the_system_is_told_without_its_number() -> None:
     assert sentence(FileNotFoundError(2, 'No such file', 'a', None, 'b')) == 'a: b: No such file'
     assert sentence(OSError(28, 'No space left on device')) == 'No space left on device'
     assert sentence(OSError('of its own')) == 'of its own'
+    assert len(sentence(ValueError('x' * 5_000_000))) < 2100
 
 
 def test_sensors_of_the_user_fail_in_one_sentence(
