@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from tactile_ros import calibration
 from tactile_ros.conditioning.baseline import (
+    PERIOD_NS,
     Baselines,
     BaselineTracker,
     Rest,
@@ -585,10 +586,11 @@ class Pipeline:
         calibration.flatten([self.report, self.estimators, self.label_names], 'tables')
         touched = np.arange(REFERENCES) > 0
         touch = np.where(touched[:, None, None], 10 * self.rest_.scale, 0.0)
-        values = np.nan_to_num(self.rest_.baseline + touch)
-        if self.reference_ is not None:
-            values = self.reference_
-        stamps, warm = np.arange(REFERENCES), np.full(values.shape[:2], WARM_C)
+        values = self.reference_
+        if values is None:  # a chip that reads 0 would be dead
+            values = np.nan_to_num(self.rest_.baseline + touch, nan=SAME)
+        stamps = np.arange(REFERENCES) * PERIOD_NS // 10  # more than a block of the baseline
+        warm = np.full(values.shape[:2], WARM_C)
         answers: list[Columns] = []
         for tare, stamp_ns, temperature_c in (
             (None, None, None), (None, stamps, warm), (~touched, None, warm),
@@ -600,6 +602,9 @@ class Pipeline:
             states = self._process_batch(recording, strict=True)
             states.refuse_misfit(self.layout.shape[0])
             answers.append({name: getattr(states, name) for name in STATE_FIELDS})
+            for row in (0, REFERENCES - 1):  # arrays of one frame are laid out otherwise
+                self.process(recording.frame(row))
+            self.reset()
         return answers
 
 
