@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Pictures of how sensors are connected: python docs/images/draw_wiring.py."""
+"""Pictures of how sensors and nodes are connected: python docs/images/draw_wiring.py."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ COLOURS = {
     '3V3': '#d0493a', 'VCC': '#d0493a', 'GND': '#7f8c8d', 'SDA': '#2f8fd0', 'SCL': '#b7950b',
     'A': '#d0493a', 'B': '#2f8fd0', 'C': '#b7950b', 'D': '#27ae60', 'foil': '#a05cc0',
     'R0': '#a05cc0', 'row': '#2f8fd0', 'column': '#b7950b', 'Bx,': '#2f8fd0', 'A0': '#b7950b',
-    'select': '#27ae60',
+    'select': '#27ae60', 'frame': '#2f8fd0', 'layout': '#7f8c8d', 'contacts': '#27ae60',
 }  # fmt: skip
 TOP, PITCH, WIDTH, APART = 46, 25, 156, 124
 CENTRED = 'text-anchor="middle"'
@@ -114,6 +114,12 @@ DRAWINGS: dict[str, str] = {
             ('row 1..m', 'column 1..n'),
         ),
         grounded='R0, each column',
+    ),
+    'wiring_nodes': drawn(
+        'Nodes of a sensor and of a grip',
+        ('sensor_node', ('reads the board', 'or its twin'), ()),
+        ('contact_node', ('tare, enrol;', 'wrench, markers'), ('frame', 'layout')),
+        ('grip_node', ('grasp, enable;', 'commands the hand'), ('contacts',)),
     ),
     'wiring_lines': drawn(
         'Taxels on an Arduino that prints text',
