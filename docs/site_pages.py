@@ -177,8 +177,8 @@ def field_table(*configs: object) -> str:
         (one, entry) for one in configs for entry in dataclasses.fields(cast('Any', one))
     ):
         about: dict[str, Any] = dict(entry.metadata)
-        value = '' if (value := getattr(config, entry.name)) is None else f'`{value}`'
-        shown = value if len(value) < LONGEST_DEFAULT else ''
+        value = '' if (value := getattr(config, entry.name)) is None else str(value)
+        shown = f'`{value}`' if 0 < len(value) < LONGEST_DEFAULT else ''
         bounds = about.get('choices') or about.get('range') or ''
         rows.append((f'`{entry.name}`', shown, about.get('unit', ''), bounds, about['help']))
     return table(('name', 'default', 'unit', 'range', 'meaning'), rows)

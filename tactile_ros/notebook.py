@@ -33,7 +33,7 @@ BAGS, FILES = ('.mcap', '.db3', '.zstd'), ('.npz', '.csv')
 class BagRecording(Recording):
     """Recording out of a bag: the frames of its run's tares are tare rows."""
 
-    run: LoadedRecording | None = None  # what the bag tells of it; None: of a changed copy
+    run: LoadedRecording | None = None  # what the bag says of it; None: of a changed copy
 
     def select(self, rows: Bools | Integers | slice) -> Recording:
         """Recording of some of the rows: no longer that of a whole run."""
@@ -66,7 +66,7 @@ class Calibration(Pipeline):
     def process_batch(self, recording: Recording) -> ContactStates:
         """Estimate from every frame of a recording; in a bag on the baselines of its run.
 
-        It warns where a bag tells no baseline, or the fit wanted none. Raises ValueError if the
+        It warns where a bag has no baseline, or the fit has none. Raises ValueError if the
         shape, the unit or a channel differs from the layout.
         """
         run = _run_of(recording)
@@ -138,7 +138,7 @@ def load(
         (folder, .mcap, .db3) a Recording; a bag of several sensors and a folder of recordings
         give a dict of them by name.
     sensor : str
-        Key of the sensor, for what does not tell its layout: a .csv, or a bag without one.
+        Key of the sensor, for what has no layout: a .csv, or some bags.
 
     It warns of what could not be read. Raises RecordingError or CalibrationError if nothing could.
     """

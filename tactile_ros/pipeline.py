@@ -660,7 +660,7 @@ def _join_columns(parts: Sequence[Columns], lengths: Sequence[int], taxels: int)
 
 
 def apply_contact(known: Columns, contact: npt.NDArray[np.int8], good: Bools) -> None:
-    """Blank what unusable and untouched rows (s,) cannot tell; forces of the untouched are 0.
+    """Blank what unusable and untouched rows (s,) do not measure; forces of the untouched are 0.
 
     `known` is changed in place; `contact` is 1, 0, -1 unknown, `good` rows to estimate from.
     """

@@ -91,7 +91,7 @@ def predict_rows(x: Array, width: int, answer: Callable[[Array], Array]) -> Arra
 
 
 def fitted(method: object, attribute: str) -> None:
-    """Raise NotCalibratedError if the method lacks the attribute that its fit sets."""
+    """Raise NotCalibratedError if the method has not the attribute that its fit sets."""
     if not hasattr(method, attribute):
         msg = f'{type(method).__name__} must be fitted before it predicts; call fit(x, y) first'
         raise NotCalibratedError(msg)

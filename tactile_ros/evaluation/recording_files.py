@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Recordings out of bags and files: frames, what was said live about them, and what was true.
+"""Recordings out of bags and files: frames, their live contacts and their truth.
 
 `.npz` is ours, read without trust; `.csv` is for spreadsheets and other people's loggers. Columns
 of a `.csv`, in any order: `stamp_ns` or `time_s`, `sequence`, `stream`, `tare`; a reading as
@@ -122,7 +122,7 @@ class LoadedRecording:
 
     @property
     def seen(self) -> Integers:
-        """Rows that the live node saw; all where it said nothing."""
+        """Rows that the live node saw; all where it left no record."""
         if self.contacts is None:
             return np.arange(len(self.recording))
         return np.unique(self.contacts.rows)
@@ -150,7 +150,7 @@ def load(
 ) -> Loaded:
     """Load a bag (folder, .mcap, .db3), an .npz or a .csv as a whole, one recording per sensor.
 
-    The layout is for .csv, and for bags without one; topics that tell the truth are relative to
+    The layout is for .csv, and for bags without one; topics with the truth are relative to
     the sensor's namespace or absolute; without an association truth meets frames within half a
     step. Raises RecordingError if there is nothing of ours at `path`.
     """
@@ -406,7 +406,7 @@ class SensorBag:
     def piece(self, frames: int, *, final: bool = False) -> LoadedRecording | None:
         """Next piece; None where none of its frames could be read.
 
-        Raises RecordingError if nobody tells the layout.
+        Raises RecordingError if the layout is unknown.
         """
         layout = self.layout
         logs, messages = self.frames.take(frames)

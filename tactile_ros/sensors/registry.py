@@ -75,7 +75,7 @@ class EnrolmentScene:
 
 @dataclass(frozen=True)
 class SensorSpec:
-    """Everything that the house knows about one kind of sensor."""
+    """Everything that belongs to one kind of sensor."""
 
     key: str  # name of its folder
     paper: str  # where it was published
@@ -174,7 +174,7 @@ def list_sensors() -> list[str]:
 
 
 def designable() -> list[str]:
-    """Keys of the sensors that `tactile design` knows, in alphabetical order."""
+    """Keys of the sensors that have a `tactile design`, in alphabetical order."""
     return [key for key in _with_file('design.py') if key in list_sensors()]
 
 

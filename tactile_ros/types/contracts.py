@@ -41,7 +41,7 @@ class Signals:
     in_contact, good : ndarray, shape (s,)
         1, 0, -1 unknown; rows that may be estimated from.
     tare : ndarray, shape (s,), or None
-        Rows that a recording calls resting; None: it does not tell.
+        Rows that a recording calls resting; None: unknown.
     baseline_variance : ndarray, shape (s,), or None
         Over that of a frame at rest: one over the frames of its tare; 0 or None: of the fit's own.
     """

@@ -219,7 +219,7 @@ class Recording:
 def join(recordings: Sequence[Recording]) -> Recording:
     """Several recordings of one layout as one, with streams and sessions that stay apart.
 
-    Stamps are kept only if all have them; truth that one lacks is unknown there.
+    Stamps are kept only if all have them; truth that one does not have is unknown there.
     """
     if len(recordings) == 1:
         return recordings[0]
