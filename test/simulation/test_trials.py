@@ -29,6 +29,7 @@ from tactile_ros.simulation.skins import AVERAGED, Fingertip, magnet_pad_skin
 from tactile_ros.types import GripCommand
 
 if TYPE_CHECKING:
+    from pathlib import Path
     from tactile_ros.simulation.hand_world import Decided
     from tactile_ros.simulation.mjcf import HandModel
 
@@ -182,6 +183,18 @@ def test_film_says_in_one_sentence_that_nothing_can_draw(
         world = HandWorld(rig_of(hand, tips, GripConfig()), solid('cube', MASS))
         with pytest.raises(MissingPackageError, match='need OpenGL without a screen'):
             film(world)
+
+
+def test_film_shows_forces_below_its_pictures(tmp_path: Path) -> None:
+    image = pytest.importorskip('PIL.Image')
+    film = Film(10.0, (0.0, 0.0, 0.0), 0.3, 120.0, -20.0)
+    film.pictures = 2 * [np.zeros((240, 320, 3), np.uint8)]
+    film.forces = [{'left': 1.0, 'right': 0.5}, {'left': 1.5}]  # then the right one is not valid
+    with image.open(film.save(tmp_path / 'a.gif')) as made:
+        assert (made.n_frames, made.size) == (2, (320, 360))
+        first = np.asarray(made.convert('RGB'))[240:].astype(int)
+        made.seek(1)
+        assert np.abs(np.asarray(made.convert('RGB'))[240:] - first).max() > 100
 
 
 def test_fingertip_estimates_a_lasting_contact_from_the_mean_of_its_frames(trials: Trials) -> None:
