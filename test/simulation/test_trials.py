@@ -30,6 +30,7 @@ from tactile_ros.types import GripCommand
 
 if TYPE_CHECKING:
     from pathlib import Path
+
     from tactile_ros.simulation.hand_world import Decided
     from tactile_ros.simulation.mjcf import HandModel
 
