@@ -239,7 +239,7 @@ class Pipeline:
             if column is not None and np.shape(column) != taxels:
                 msg = f'{name} of Frame must have shape {taxels}; received {np.shape(column)}'
                 raise ValueError(msg)
-        values = np.array(frame.values, np.float64)[None]  # loops are compiled for what is writable
+        values = np.array(frame.values, np.float64)[None]  # loops want writable ones
         status = None if status is None else np.array(status, np.uint8)[None]
         chips = None if chips is None else np.array(chips, np.float64)[None]
         return *self._readings(values, status, self.rest_.dead), chips
