@@ -167,10 +167,11 @@ class Finger:
         """Force of the pad (N) where targets lead the joints by angles (n,); NaN: not known."""
         return float(self.lever @ lead) / self._compliance if self.is_soft else float('nan')
 
-    def is_clipped(self, lead: Array) -> bool:
-        """Judge whether a joint that carries the pad gives all its torque."""
-        torque = np.abs(self.kp * lead)
-        return bool(((torque >= FULL * self.torque) & (self.torque > 0) & (self.lever != 0)).any())
+    @cached_property
+    def clipping(self) -> Array:
+        """Angle (n,) from which a target leads a joint that carries the pad at all its torque."""
+        known = (self.torque > 0) & (self.kp > 0) & (self.lever != 0)
+        return np.where(known, FULL * self.torque / np.where(known, self.kp, 1.0), np.inf)
 
     def reach(self, lower: Array, upper: Array, most_offset: float) -> float:
         """Largest force of the pad (N) that its drives give where they can best; inf: not known.
@@ -201,11 +202,17 @@ class Finger:
 
     def caps(self, force: float) -> Array:
         """Largest torques (n,) that hold a force at the pad (N); NaN where no lever is told."""
-        if not self.lever.any():
-            return np.full(len(self.joints), np.nan)
+        return self._least_levers * force + self.free_effort
+
+    @cached_property
+    def _least_levers(self) -> Array:
+        """Levers (n,) of torque caps, also for joints that a normal force does not load."""
         lever = np.abs(self.lever)
-        caps: Array = np.maximum(lever, SIDEWAYS * lever.max()) * force + self.free_effort
-        return caps
+        return (
+            np.maximum(lever, SIDEWAYS * lever.max())
+            if lever.any()
+            else np.full_like(lever, np.nan)
+        )
 
 
 T = TypeVar('T')

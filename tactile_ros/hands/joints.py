@@ -140,6 +140,9 @@ class HandJoints:
         count = len(driver.joints)
         self._gain = np.zeros(count)  # largest torque per lead that efforts told
         self._full, self._last_lead = np.zeros(count, bool), np.full(count, nan)
+        self._clipping, self._carries = np.full(count, inf), np.zeros(count, bool)
+        for finger, place in self._drives:
+            self._clipping[place], self._carries[place] = finger.clipping, finger.lever != 0
 
     def plants(self, config: GripConfig) -> list[Drive]:
         """Drives (a,) as the law has to know them."""
@@ -240,11 +243,8 @@ class HandJoints:
             near = self.limiter.reachable(wanted, measured)
             reach = closures - self._behind(closures, contacts, wanted, near)
             closure = closures - self._behind(closures, contacts, wanted, position)
-        clipped = [
-            finger.is_clipped(position[place] - measured[place])
-            or bool((self._full[place] & (finger.lever != 0)).any())
-            for finger, place in self._drives
-        ]
+        clips = (np.abs(position - measured) >= self._clipping) | self._full & self._carries
+        clipped = [bool(clips[place].any()) for _, place in self._drives]
         return Guarded(position, effort, limited, closure, reach, clipped)
 
     def _behind(self, closures: Array, contacts: Array, wanted: Array, sent: Array) -> Array:
