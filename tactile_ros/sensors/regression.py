@@ -382,6 +382,7 @@ class Regression(Estimation):
 
     flags_range: ClassVar[bool] = False
     learns_touch: ClassVar[bool] = False
+    touch_: Touch | None = None  # files of before it was learned have none
 
     def __init__(
         self, config: SensorConfig, estimator: str | None = None, channels: int = 3
@@ -390,7 +391,6 @@ class Regression(Estimation):
         self.estimator = estimator
         self.heads_: tuple[Head, ...] = ()
         self.remembering_: tuple[Head, ...] = ()
-        self.touch_: Touch | None = None
         self.votes_: tuple[Vote, ...] = ()
         self.turn_: Head | None = None
         self.slip_: SlipDetector | None = None
