@@ -271,7 +271,7 @@ def test_fields_leave_no_leak_and_are_estimated() -> None:
 
 def test_gains_come_from_fields_since_the_tare_although_the_baseline_follows_them() -> None:
     """The twin's programme: magnets pass and the chip warms, at rest as well as in touch."""
-    config = dataclasses.replace(SENSOR.config(), rate_hz=12.0, thermal_lag=10.0)
+    config = dataclasses.replace(SENSOR.config(), rate_hz=20.0, thermal_lag=10.0)
     pipeline = SENSOR.pipeline(config, 'inversion').fit(SENSOR.presses(config, 1))
     assert pipeline.report['disc']['remanence'] == pytest.approx(config.remanence, rel=0.03)
     test = SENSOR.presses(config, 2)
