@@ -24,9 +24,9 @@ from tactile_ros.types import Array, Integers
 if TYPE_CHECKING:
     from tactile_ros.estimators.evidence_regression import Prior
 
-WIDTH = 1.75  # half period of the slowest cosine over the sheet: slopes are free at all borders
-MOST_WAVES = 18
-WAVES = np.array([MOST_WAVES, MOST_WAVES, 8])  # at most, along an axis, of each field
+WIDTH = 1.25  # half period of the slowest cosine over the sheet, so that slopes are free there
+MOST_WAVES = 16
+WAVES = np.array([MOST_WAVES, MOST_WAVES, 7])  # at most, along an axis, of each field
 DENSE = 1.3  # waves along an axis over touches along it
 FIELDS = 3  # of a constant, the film's logarithm, and the film
 # logs of the prior sigmas of what is the same all over: of the fields, a constant and a part of Rx
@@ -167,7 +167,7 @@ class PowerLawForce:
         film = np.clip(x[:, 2] - series, *self.film_[:2])
         shapes = self._shapes(film)
         # no product of matrices: its sums run otherwise for one frame than for many
-        total = np.einsum('sp,pk->sk', _cosines(places), self.table_)
+        total = np.einsum('sp,pk->sk', _cosines(places / WIDTH), self.table_)
         level = np.einsum('sk,sk->s', total, shapes)
         level += self.wrong_[0] * self.film_[0] / film + self.wrong_[1] * series / film
         level += np.einsum('sm,m->s', x[:, 3:], self.linear_[: x.shape[1] - 3])
@@ -231,7 +231,7 @@ class PowerLawForce:
     def _terms(self, places: Array, film: Array, linear: Array) -> Array:
         """Terms (s, p): what is the same all over, the fields, and the further features."""
         shapes = self._shapes(film)
-        cosines = _cosines(np.clip(places, 0.0, 1.0))
+        cosines = _cosines(np.clip(places, 0.0, 1.0) / WIDTH)
         fields = [shapes[:, k, None] * cosines[:, self._entries(k)] for k in range(FIELDS)]
         wrong = np.stack([self.film_[0] / film, self.series.at(places) / film], axis=1)
         return np.concatenate([shapes, wrong, *fields, linear], axis=1)
@@ -298,9 +298,8 @@ class PowerLawForce:
 
 
 def _cosines(places: Array) -> Array:
-    """Products of cosines (s, n * n) at places (s, 2) in units of the sheet's edges."""
-    half_periods = 0.5 + (places - 0.5) / WIDTH
-    angle = half_periods[:, :, None] * (math.pi * np.arange(MOST_WAVES))
+    """Products of cosines (s, n * n) at places (s, 2) in units of their half period."""
+    angle = places[:, :, None] * (math.pi * np.arange(MOST_WAVES))
     waves = np.cos(angle)
     return np.asarray((waves[:, 0, :, None] * waves[:, 1, None, :]).reshape(len(places), -1))
 

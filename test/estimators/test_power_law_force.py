@@ -20,17 +20,6 @@ def test_power_force_finds_a_power_law_that_varies() -> None:
     assert np.sqrt((error**2).mean()) < 0.05
 
 
-def test_a_mirrored_film_answers_alike() -> None:
-    rng = np.random.default_rng(4)
-    place, force = rng.uniform(0.1, 0.9, (200, 2)), rng.uniform(1, 15, 200)
-    film = 2 * np.exp(0.3 * np.sin(5 * place[:, 0] + place[:, 1])) * force**-0.7
-    said = []
-    for side in (place, 1 - place):
-        found = PowerLawForce().fit(np.column_stack([side, film])[:150], force[:150, None])
-        said.append(found.predict(np.column_stack([side, film])[150:]))
-    np.testing.assert_allclose(said[0], said[1], rtol=1e-3)
-
-
 def test_a_wrong_series_resistance_and_an_air_gap_are_learned() -> None:
     rng = np.random.default_rng(7)
     place, force = rng.uniform(0.1, 0.9, (600, 2)), rng.uniform(0.8, 15, 600)
