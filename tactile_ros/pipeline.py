@@ -589,7 +589,8 @@ class Pipeline:
         values = self.reference_
         if values is None:  # a chip that reads 0 would be dead
             values = np.nan_to_num(self.rest_.baseline + touch, nan=SAME)
-        stamps = np.arange(REFERENCES) * PERIOD_NS // 10  # more than a block of the baseline
+        # a baseline that only a tare gives is tracked over more than a block
+        stamps = np.arange(REFERENCES) * (PERIOD_NS // 10 if self.reference_ is None else 1)
         warm = np.full(values.shape[:2], WARM_C)
         answers: list[Columns] = []
         for tare, stamp_ns, temperature_c in (

@@ -129,10 +129,16 @@ class Finger:
         """
         if self.is_soft and closure > contact:
             return float(self.lever @ (wanted - sent)) / self.travel
-        slope = self.slope if closure >= self.corner else self.opening
-        moves = np.abs(slope) > TELLS * np.abs(slope).max()
-        behind = (wanted - sent)[moves] / slope[moves]
+        moves, slope = self._motions[int(closure >= self.corner)]
+        behind = (wanted - sent)[moves] / slope
         return float(behind[np.abs(behind).argmin()])
+
+    @cached_property
+    def _motions(self) -> list[tuple[Integers, Array]]:
+        """Joints that move, and by how much per closure, before and from the pre-grasp posture."""
+        slopes = (self.opening, self.slope)
+        moves = [np.flatnonzero(np.abs(s) > TELLS * np.abs(s).max()) for s in slopes]
+        return [(own, slope[own]) for own, slope in zip(moves, slopes, strict=True)]
 
     @cached_property
     def is_soft(self) -> bool:

@@ -535,6 +535,12 @@ class GradiometerEstimation(Estimation):
         return answers, covariance, np.where(self.measured, field, np.nan), flags
 
     @cached_property
+    def _field_of_channels(self) -> Array:
+        """Uniform field per reading of each channel (2 t, 3), where there is no magnet."""
+        axes = disc.chip_axes(self.config)[:, :, [0, 2]].transpose(0, 2, 1).reshape(-1, 3)
+        return np.asarray(np.linalg.pinv(axes).T, np.float64)
+
+    @cached_property
     def _clipping(self) -> Array:
         """Size of a reading (2,) so near its limit that noise may hide that it is clipped."""
         if self.config.saturation is None:
@@ -554,8 +560,7 @@ class GradiometerEstimation(Estimation):
         x = self._features(signals)
         covariance, beyond = self.covariance_.predict(None, x)
         change = (x[:, : len(self.level_)] - self.level_).reshape(len(x), -1, 2)
-        axes = disc.chip_axes(self.config)[:, :, [0, 2]].transpose(0, 2, 1).reshape(-1, 3)
-        field = change.reshape(len(x), -1) @ np.linalg.pinv(axes).T
+        field = change.reshape(len(x), -1) @ self._field_of_channels
         flags = (beyond & (signals.in_contact != 0)) * OUT_OF_RANGE
         field = np.where(self.measured, field, np.nan)
         return self.regressor_.predict(x), covariance, field, flags
