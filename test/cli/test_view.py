@@ -63,7 +63,7 @@ def test_a_csv_has_the_layout_of_the_calibration(
     np.savetxt(tmp_path / 'b.csv', rows, '%.9g', ',', header=','.join(names), comments='')
     words = ['view', str(tmp_path / 'b.csv'), '--port=0', '--no-open', '--speed=0', '--seconds=0']
     assert main(words) == 1
-    assert 'name it or a calibration' in capsys.readouterr().err
+    assert 'name the sensor or a calibration' in capsys.readouterr().err
     assert main([*words, '--calibration', str(board_files / 'a.npz')]) == 0
 
 
