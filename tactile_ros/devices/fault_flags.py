@@ -39,7 +39,7 @@ class StuckDetector:
     Notes
     -----
     The probability of a run is the larger of two: with the share of repeats among all readings, by
-    a beta-binomial law, which heeds how few were seen; and with that among readings that follow a
+    a beta-binomial law, which counts how few were seen; and with that among readings that follow a
     repeat, since a taxel that rests between touches has few long runs.
     """
 

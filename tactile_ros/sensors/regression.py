@@ -330,31 +330,41 @@ class Vote:
 
 
 class Touch:
-    """Touch, told from a soft step of the load that is regressed from the change and its history.
+    """Touch by a soft step of the load, which is regressed from the change and its history.
 
-    A skin that creeps back deviates as much as a light touch; its fading means tell them apart.
-    Twice what was ever seen without a load is a touch whatever they say.
+    A skin that creeps back deviates as much as a light touch; its fading means distinguish them.
+    Twice what was ever seen without a load is a touch in any case.
     """
 
     step_: KernelRidge
     calm_: Array  # (n,) largest change of the readings without a load (unit of x)
-    report_: dict[str, float]  # held-out shares of calm and of touched rows told as touch
+    report_: dict[str, float]  # held-out shares of calm and of touched rows called touch
 
-    def fit(self, x: Array, load: Array, groups: Integers, channels: int) -> Touch:
-        """Learn from features (s, d), those of the readings first, and loads (s,) (N)."""
+    def fit(
+        self, x: Array, load: Array, groups: Integers, channels: int, floor: Bools
+    ) -> Touch | None:
+        """Learn from features (s, d), those of the readings first, and loads (s,) (N).
+
+        None where held-out groups are judged no better than by the threshold, `floor` (s,).
+        """
         light = 2 * CALM * float(load.max())
         calm, firm = load <= light / 2, load >= light
-        self.report_ = {}
         fold = group_folds(np.unique(groups, return_inverse=True)[1].reshape(-1), MOST_FOLDS, 0)
-        if fold.any():
-            told = np.zeros(len(x), bool)
-            for held in (fold == part for part in range(fold.max() + 1)):
-                self._learn(x[~held], load[~held] / light, calm[~held], channels)
-                told[held] = self.predict(x[held])
-            self.report_ = {
-                'held_out_false': float(told[calm].mean()),
-                'held_out_found': float(told[firm].mean()),
-            }
+        if not fold.any():
+            return None
+        touch = np.zeros(len(x), bool)
+        for held in (fold == part for part in range(fold.max() + 1)):
+            self._learn(x[~held], load[~held] / light, calm[~held], channels)
+            touch[held] = self.predict(x[held])
+        (false, found), (usual, least) = (
+            (float(one[calm].mean()), float(one[firm].mean())) for one in (touch, floor)
+        )
+        if false - found >= usual - least:
+            return None
+        self.report_ = {
+            'held_out_false': false, 'held_out_found': found,
+            'threshold_false': usual, 'threshold_found': least,
+        }  # fmt: skip
         return self._learn(x, load / light, calm, channels)
 
     def _learn(self, x: Array, load: Array, calm: Bools, channels: int) -> Touch:
@@ -377,7 +387,7 @@ class Regression(Estimation):
     voted where it is None or 'grid_knn'. With `flags_range` touched frames whose readings are
     beyond those of the fit have the status OUT_OF_RANGE: not for sensors whose taxels are touched
     a few at a time, since their readings have no spread in common. With `learns_touch` a force
-    over time teaches to tell a light touch from a skin that creeps back.
+    over time teaches to distinguish a light touch from a skin that creeps back.
     """
 
     flags_range: ClassVar[bool] = False
@@ -459,7 +469,7 @@ class Regression(Estimation):
             self.turn_ = head.fit(now[rows], y, group[rows], session[rows], rest[rows])
 
     def _fit_touch(self, x: Array, signals: Signals, truth: Columns, group: Integers) -> None:
-        """Learn touch where true forces are told with and without a load."""
+        """Learn touch where there are true forces with and without a load."""
         force = np.asarray(truth.get('force', np.full((len(x), 3), np.nan)), np.float64)
         load = np.linalg.norm(np.nan_to_num(force), axis=1)
         rows = signals.good & np.isfinite(force).any(axis=1)
@@ -467,7 +477,8 @@ class Regression(Estimation):
             rows &= ~signals.tare
         calm = load[rows] <= CALM * load[rows].max(initial=0.0)
         if min(calm.sum(), (~calm).sum()) >= FEWEST_ROWS:
-            self.touch_ = Touch().fit(x[rows], load[rows], group[rows], self.width)
+            floor = signals.in_contact[rows] == 1
+            self.touch_ = Touch().fit(x[rows], load[rows], group[rows], self.width, floor)
 
     def _fit_classes(self, signals: Signals, truth: Columns, group: Integers) -> None:
         """Learn votes for cells and labels, and slip, where enough rows have them."""
@@ -522,7 +533,8 @@ class Regression(Estimation):
         if self.flags_range and np.count_nonzero(beyond):
             known['status'] = (beyond & (contact != 0)) * OUT_OF_RANGE
         if self.touch_ is not None:
-            contact[np.zeros(len(contact), bool) if signals.tare is None else signals.tare] = 0
+            if signals.tare is not None:
+                contact[signals.tare] = 0
             known['in_contact'] = contact
         return known
 

@@ -13,6 +13,7 @@ from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.regression import (
     Regression,
     RestingState,
+    Touch,
     Vote,
     gain_spread,
     longest_hold,
@@ -210,3 +211,18 @@ def test_missing_loads_are_those_that_count() -> None:
     told = missing_loads(np.array([[np.nan, 0.0], [4.0, 1e-9], [-1.0, 0.5]]))
     assert told == {'not learned: loads beyond those recorded (N)': {'least': 0.5, 'most': 4.0}}
     assert missing_loads(np.full(3, np.nan)) == {'not learned: force (no truth of loads)': {}}
+
+
+@pytest.mark.parametrize('informed', [True, False])
+def test_touch_is_learned_only_where_it_beats_the_threshold(informed: bool) -> None:
+    rng = np.random.default_rng(0)
+    load = np.where(np.arange(300) % 2, rng.uniform(1.0, 2.0, 300), 0.0)
+    shown = load if informed else rng.permutation(load)
+    x = shown[:, None] + rng.normal(0, 0.05, (300, 2))
+    touched = load > 0
+    floor = rng.permutation(touched) if informed else touched
+    found = Touch().fit(x, load, np.repeat(np.arange(10), 30), 2, floor)
+    assert (found is not None) == informed
+    if found is not None:
+        assert found.report_['held_out_found'] > 0.95 > found.report_['threshold_found']
+        np.testing.assert_array_equal(found.predict(x), touched)

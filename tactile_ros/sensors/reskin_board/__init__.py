@@ -21,7 +21,7 @@ from tactile_ros.sensors.reskin_board.twin import NOISE, ReskinBoardConnection, 
 
 
 class BoardRegression(Regression):
-    """Regression that flags readings beyond its fit, and learns to tell touch from creep."""
+    """Regression that flags readings beyond its fit, and learns to separate touch from creep."""
 
     flags_range = True
     learns_touch = True
