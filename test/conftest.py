@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Every test process is alone: its own ROS domain, one thread, no files at home, no deadlines."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import re
@@ -11,16 +9,13 @@ import socket
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable, Iterator
 from html import escape
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import HealthCheck, settings
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 DOMAINS = range(1, 101)
 FIRST_PORT = 21_000

@@ -5,8 +5,6 @@
 which only shrinks: `python test/house.py --shrink` takes out what no longer breaks it.
 """
 
-from __future__ import annotations
-
 import ast
 import json
 import re

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Rules of the source tree: floors, budgets, names, sizes; exceptions stand in allowed.json."""
 
-from __future__ import annotations
-
 import ast
 
 import house

@@ -1,18 +1,16 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Objects <-> arrays named by their path: equal after the way there and back, or refused."""
 
-from __future__ import annotations
-
 import io
 import pickle
 import struct
 import tracemalloc
 import zipfile
 import zlib
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -31,9 +29,6 @@ from tactile_ros.calibration import (
     write,
 )
 from tactile_ros.errors import CalibrationError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
 
 ARRAYS = {
     'a/values.array': np.arange(24.0).reshape(2, 3, 4),

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Commands and code of the pages: parsed by the commands' own parsers."""
 
-from __future__ import annotations
-
 import ast
 import doctest
 import importlib

@@ -1,10 +1,8 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Presses in a stream: where they begin and end, what is kept of them, what a class may cost."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +13,7 @@ from tactile_ros.enrolment import (
     LONGEST,
     REST_S,
     TARE_S,
+    Press,
     PressWatch,
     Programme,
     Touches,
@@ -28,11 +27,6 @@ from tactile_ros.enrolment import (
 )
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame, Layout
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from tactile_ros.enrolment import Press
 
 PLACES = np.array([[1.0, 0, 0], [2.0, 0, 0], [3.0, 0, 0]])
 PROGRAMME = Programme(PLACES, np.array([[0, 0, 1.0], [0, 0, 2.0], [0.5, 0, 3.0]]))

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Files of the user: whole or not at all, never through a link; yaml without trust."""
 
-from __future__ import annotations
-
 import os
 import socket
 import time

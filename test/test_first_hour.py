@@ -1,17 +1,15 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """docs/first_hour.md, typed line by line; a simulated board is at its port."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import shlex
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -20,11 +18,7 @@ from tactile_ros import sensors
 from tactile_ros.cli.main import main
 from tactile_ros.evaluation.recording_files import load
 from tactile_ros.sensors import load_sensor
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from tactile_ros.types import Twin
+from tactile_ros.types import Twin
 
 PAGE = ROOT / 'docs' / 'first_hour.md'
 COMMANDS = lines(PAGE)

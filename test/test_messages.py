@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Poses of objects and surfaces in standard messages, over the wire where they are built."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 

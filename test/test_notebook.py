@@ -1,13 +1,11 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Python as people write it: the page's example, what `load` finds, and bags on their tares."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -18,9 +16,6 @@ from reference.help_examples import ROOT, blocks
 from tactile_ros.errors import MissingPackageError, RecordingError
 from tactile_ros.notebook import BagRecording, Calibration
 from tactile_ros.sensors import load_sensor
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 STEP_NS = 10_000_000
 

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The states of every sensor's pipeline on stored recordings: what a change of form must keep."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,25 +1,20 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The package as ROS and pip see it: one version, every interface, found from everywhere."""
 
-from __future__ import annotations
-
 import ast
 import re
 import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
 import tactile_ros
 from tactile_ros.nodes.__main__ import NODES
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ('msg', 'srv', 'action', 'benchmarks', 'config')  # in share/tactile_ros of a wheel

@@ -1,19 +1,17 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The pipeline with a small estimation of its own: live and batch, baseline, fit, files."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tactile_ros.calibration import digest, flatten, read, write
+from tactile_ros.calibration import Arrays, digest, flatten, read, write
 from tactile_ros.errors import CalibrationError
 from tactile_ros.pipeline import (
     Pipeline,
@@ -23,6 +21,7 @@ from tactile_ros.pipeline import (
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import (
     STATE_FIELDS,
+    Columns,
     ContactState,
     ContactStates,
     Estimation,
@@ -30,16 +29,11 @@ from tactile_ros.types import (
     FrameStatus,
     Layout,
     Recording,
+    Report,
     Signals,
     TaxelStatus,
     field_shape,
 )
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from tactile_ros.calibration import Arrays
-    from tactile_ros.types import Columns, Report, Signals
 
 CONTACT = np.array([1, 0, -1, -1, 0], np.int8)
 GOOD = np.array([True, True, True, False, False])
@@ -469,13 +463,11 @@ def test_a_batch_leaves_the_live_stream_alone() -> None:
 @pytest.mark.parametrize('back_ns', [0, 1, 3600 * SECOND_NS])
 def test_a_clock_that_goes_back_begins_a_new_stream(back_ns: int) -> None:
     recording = stream(6)
-    assert recording.stamp_ns is not None
     stepped, again = fitted(), fitted()
     begin = 10_000 * SECOND_NS
     for row in range(60):
         first = replace(recording.frame(row), stamp_ns=begin + int(recording.stamp_ns[row]))
         stepped.process(first)
-    assert first.stamp_ns is not None
     shift = first.stamp_ns - back_ns - int(recording.stamp_ns[0])
     for row in range(60):
         late = replace(recording.frame(row), stamp_ns=shift + int(recording.stamp_ns[row]))

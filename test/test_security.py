@@ -1,13 +1,11 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """What docs/security.md promises: no code from data, no shell, names by a pattern, all escaped."""
 
-from __future__ import annotations
-
 import ast
 import dataclasses
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -19,9 +17,6 @@ from tactile_ros.evaluation.report import Dataset, Result, render
 from tactile_ros.evaluation.truth import held_labels
 from tactile_ros.types import Layout, Recording, admit_name
 from tactile_ros.types.frame import MOST_CHARACTERS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 PACKAGE = Path(tactile_ros.__file__).parent
 ROOT = Path(__file__).resolve().parents[1]

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Set-up: sentences instead of tracebacks, nothing half made, nothing done twice."""
 
-from __future__ import annotations
-
 import ast
 import importlib.util
 import os

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Site of the documentation: built strictly, with pages made from interfaces and docstrings."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

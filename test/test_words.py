@@ -1,16 +1,11 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Pages stay short: words in all, and lengths of sentences (`make words` prints them)."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from docs.count_words import Page, pages, read
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 MOST_WORDS = 20_000
 MOST_MEAN = 18.0

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Parts of benches by themselves: seeds in time, the neighbours of [2], drivers' speed, plots."""
 
-from __future__ import annotations
-
 import os
 import xml.etree.ElementTree as ET
 from collections import Counter

@@ -1,10 +1,8 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The judge of drivers: it sees wrong readings, marked ones, and silence."""
 
-from __future__ import annotations
-
 import dataclasses
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -12,9 +10,6 @@ import pytest
 from benchmarks.harness.fault_trials import RATE_HZ, Road, suffer
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame, TaxelStatus
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 
 @pytest.fixture

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The independent world: tasks, limits as its page says them, rows of the benches."""
 
-from __future__ import annotations
-
 import math
 import sys
 

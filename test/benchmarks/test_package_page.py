@@ -1,16 +1,15 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The whole package on one page: aims, escaped labels, drawings, a real browser."""
 
-from __future__ import annotations
-
 import functools
 import json
 import re
 import sys
+from collections.abc import Callable
 from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import SimpleNamespace as Framed
 
 import numpy as np
 import pytest
@@ -31,10 +30,6 @@ from tactile_ros.cli.main import main
 from tactile_ros.errors import MissingPackageError, TactileError
 from tactile_ros.evaluation import figures
 from tactile_ros.evaluation.figures import Plot, standalone, write_figures
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from types import SimpleNamespace as Framed
 
 README = Path(__file__).parents[2] / 'README.md'
 

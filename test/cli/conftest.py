@@ -1,9 +1,7 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Recordings, calibrations and a bag of a real board, made once for all commands."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +9,6 @@ import pytest
 from reference import made_bags as make
 from tactile_ros.evaluation.recording_files import save_recording
 from tactile_ros.sensors import load_sensor
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @pytest.fixture(scope='session')

@@ -1,21 +1,16 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """`tactile bench` and `tactile report`: side by side, as JSON, and where nothing is there."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import subprocess
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from benchmarks.harness.rows import BenchResult, Row
 from tactile_ros.cli import bench, console
 from tactile_ros.cli.main import main
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def test_without_benches_the_other_commands_work(

@@ -1,11 +1,9 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """`tactile calibrate`: figures of held-out groups, and what it learns, leaves out or refuses."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,9 +12,6 @@ from tactile_ros.cli.calibrate import sentences
 from tactile_ros.cli.main import main
 from tactile_ros.evaluation.recording_files import load_recording, save_recording
 from tactile_ros.sensors import load_sensor
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def test_calibrate_says_what_it_left_out(

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """`tactile compare` as a user meets it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

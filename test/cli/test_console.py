@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Progress on the terminal, and configs from yaml."""
 
-from __future__ import annotations
-
 import io
 import re
 import sys

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """`tactile demo`: parts that share no group, its folder, and twins through the real graph."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import sys
@@ -11,7 +9,6 @@ from concurrent.futures import Future
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -20,10 +17,8 @@ from tactile_ros.cli import demo
 from tactile_ros.cli.main import main
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.recording_files import load
+from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import SensorSpec, load_sensor
-
-if TYPE_CHECKING:
-    from tactile_ros.pipeline import Pipeline
 
 ROUNDING = 1e-12  # frames that waited are estimated together, as many as waited
 PLACED = 1e-9  # of objects that are placed: a descent passes rounding on

@@ -1,21 +1,16 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """`tactile design`: a sensor's own module is found, asked and printed."""
 
-from __future__ import annotations
-
 import json
 import sys
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
 import tactile_ros.sensors
 from tactile_ros.cli.main import main
 from tactile_ros.sensors import designable, load_sensor
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 INIT = '''"""A board under another name."""
 from dataclasses import replace

@@ -1,9 +1,7 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """`tactile enrol`: from a recording, by name and back; presses of a live run."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,10 +13,6 @@ from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.recording_files import LoadedRecording, save_recording
 from tactile_ros.evaluation.replay import presses_in
 from tactile_ros.types import Frame, Recording
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
 
 SPEC = enrolled_skin.SPEC
 

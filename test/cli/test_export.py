@@ -1,17 +1,12 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """`tactile export` on small bags."""
 
-from __future__ import annotations
-
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from tactile_ros.cli.main import main
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def test_a_torn_bag_is_exported_as_far_as_it_goes_and_named(

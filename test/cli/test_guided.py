@@ -1,11 +1,9 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """`tactile calibrate --live` with a simulated sensor that presses itself, and its sources."""
 
-from __future__ import annotations
-
 import json
 import time
-from typing import TYPE_CHECKING
+from pathlib import Path
 from urllib.request import urlopen
 
 import numpy as np
@@ -19,13 +17,9 @@ from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.fleet import open_calibration
 from tactile_ros.evaluation.guided import Phase, PressGuide, Target
 from tactile_ros.evaluation.recording_files import load, load_recording
+from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Layout, Recording
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from tactile_ros.pipeline import Pipeline
 
 LAYOUT = Layout(np.zeros((2, 3)), ('output',), '1')
 COMMAND = [

@@ -1,15 +1,13 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Every command of --help and of the pages runs on small real input, or says why it is not."""
 
-from __future__ import annotations
-
 import json
 import shlex
 import shutil
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import count, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -22,15 +20,10 @@ from reference.help_examples import ROOT, examples, lines, typed_on_pages
 from tactile_ros.cli import calibrate, compare, view
 from tactile_ros.cli.main import main
 from tactile_ros.evaluation.bag import BagWriter, all_types
+from tactile_ros.evaluation.recording_files import LoadedRecording
+from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
-from tactile_ros.types import STATE_FIELDS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from tactile_ros.evaluation.recording_files import LoadedRecording
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import Recording
+from tactile_ros.types import STATE_FIELDS, Recording
 
 STEP_NS = 10_000_000
 START_NS = 1_700_000_000_000_000_000

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Ctrl-C ends every command at any moment: code 130, one line, no child, nothing half written."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

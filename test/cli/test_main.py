@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Entry of the command line: refusals in a sentence, guesses, silence, settings of a folder."""
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import json

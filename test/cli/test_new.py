@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """`tactile new`: its sensor works at once: it conforms, it is read; nothing is written over."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import subprocess

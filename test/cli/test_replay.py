@@ -1,24 +1,19 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """`tactile replay` on several recordings and calibrations."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
 from tactile_ros.cli import console
 from tactile_ros.cli.main import main
 from tactile_ros.evaluation import figures, fleet
+from tactile_ros.evaluation.fleet import Job
 from tactile_ros.evaluation.report import figure_text
-
-if TYPE_CHECKING:
-    from tactile_ros.evaluation.fleet import Job
 
 ROOT = Path(__file__).parents[2]
 TWO = ['--calibration', 'a.npz', '--calibration', 'b.npz', '--jobs', '1', '--json']

@@ -1,10 +1,8 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """`tactile view`: what it refuses before anybody looks, and what it plays."""
 
-from __future__ import annotations
-
+from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -14,9 +12,6 @@ from tactile_ros.cli import view
 from tactile_ros.cli.main import main
 from tactile_ros.evaluation.recording_files import LoadedRecording, load_recording
 from tactile_ros.sensors import load_sensor
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @pytest.mark.parametrize(

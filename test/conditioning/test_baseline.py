@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The no-contact reference against plain loops: runs, means, tracking live and in batch."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
@@ -321,7 +319,6 @@ def test_firm_touches_limit_a_threshold_that_drift_would_raise() -> None:
     np.testing.assert_allclose(sure.threshold(none, firm).scale, 200.0)
     dead = sure.threshold(none, None, np.array([False, True]))
     assert dead.scale[:, 0].tolist() == [200.0, np.inf]
-    assert dead.dead is not None
     assert dead.dead.tolist() == [False, True]
     assert sure.dead is None
 

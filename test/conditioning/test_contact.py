@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Contact: the threshold, the excursion, ids of touches and of patches."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Laws of taxels: zero at zero, rising, chosen by held-out error; silent taxels found."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

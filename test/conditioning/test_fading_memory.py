@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The memory of a viscoelastic skin against a plain loop, live against batch, and bad streams."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

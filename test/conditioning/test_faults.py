@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Faults: what readings and status bits say about taxels and about frames."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

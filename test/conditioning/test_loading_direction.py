@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Which way loads last went, whatever the rate, the noise and the gaps of their frames."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Gains and limits of a grip."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import pytest

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Ends of a grasp, and of what is held after it."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The grip-force law: never outside limits, safe when inputs fail, and good at its work."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

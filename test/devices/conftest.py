@@ -1,12 +1,10 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A simulated port with its driver, and a watch over what they leave behind."""
 
-from __future__ import annotations
-
 import contextlib
 import threading
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -14,10 +12,6 @@ import pytest
 from tactile_ros.devices.serial_board import ReskinBoard
 from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 from tactile_ros.types import Layout
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
 
 OPENED = ('/dev/pts/', '/dev/ptmx', '/dev/i2c', 'pipe:')
 """What drivers and twins open; runtimes of other libraries open sockets as they please."""

@@ -1,16 +1,15 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The driver of many chips: its bytes on the bus, its speed, and what it does about faults."""
 
-from __future__ import annotations
-
 import ctypes
 import dataclasses
 import errno
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from smbus2 import i2c_msg
 
 from tactile_ros.devices.chip_array import ChipArray, Mode, carried_hz
 from tactile_ros.devices.connections import ChipConnection
@@ -20,11 +19,6 @@ from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.devices.transport import I2cBus
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.types import Frame, Layout, TaxelStatus
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from smbus2 import i2c_msg
 
 EPOCH_NS = 1_700_000_000_000_000_000
 ROW = np.array([1e-3, 2e-3, -1e-3])

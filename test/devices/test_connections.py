@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Connections: what they let in, where they find chips, and what cannot be carried."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 

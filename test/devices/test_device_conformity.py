@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """What every driver must do over its twin, faults included: a new sensor needs no new test."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

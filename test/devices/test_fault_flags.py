@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Status bits: stuck taxels among living ones, ends of the range, wraps and repeats."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

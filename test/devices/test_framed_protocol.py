@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Codec of the framed protocol: byte vectors, any cut, damage, and whatever else may come."""
 
-from __future__ import annotations
-
 import re
 import zlib
 from pathlib import Path

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The chip's datasheet: conversion times, registers, steps, codes and what it cannot do."""
 
-from __future__ import annotations
-
 import errno
 
 import numpy as np

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The ReSkin board's wire format byte by byte, and frames found in damaged streams."""
 
-from __future__ import annotations
-
 import itertools
 import struct
 

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The simulated chips, switches and bus: states, time and faults below the driver."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from smbus2 import i2c_msg

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Simulated ports and twins of boards: pace, faults, and nothing left behind."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from pathlib import Path

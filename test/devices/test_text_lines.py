@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Lines of numbers: what is read as one, what is not, and that nothing hostile hangs."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np
@@ -122,7 +120,6 @@ def test_board_marks_its_limit_and_shows_a_line_that_it_cannot_read() -> None:
     )  # fmt: skip
     with limited as twin, twin.device(time.monotonic_ns) as device:
         status = device.read(60.0).status
-    assert status is not None
     assert status.tolist() == [TaxelStatus.SATURATED, 0]
 
 

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A board's clock tied to the host's, with the bytes late, the clocks apart and jumps between."""
 
-from __future__ import annotations
-
 import itertools
 
 import pytest

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Ports on real pseudo-terminals, buses on real messages: every failure is one sentence."""
 
-from __future__ import annotations
-
 import ctypes
 import errno
 import os
@@ -10,8 +8,9 @@ import sys
 import termios
 import threading
 import time
+from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
 import pytest
 import serial.tools.list_ports
@@ -19,14 +18,9 @@ import smbus2
 from smbus2 import i2c_msg
 
 from tactile_ros.devices import transport
+from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 from tactile_ros.devices.transport import I2cBus, SerialPort, list_ports
 from tactile_ros.errors import DeviceError, DeviceTimeout, MissingPackageError, NotAcknowledged
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 
 
 @pytest.fixture

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """One contract for every registered method, and for that of docs/adding_a_method.md."""
 
-from __future__ import annotations
-
 import copy
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Covariances hold what they state on groups of which nothing was seen."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

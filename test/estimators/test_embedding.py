@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The shipped networks of [1]: hard case 14, and what they know."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Influence of references and their noise by evidence: a linear problem against refits."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Bayesian linear regression by evidence, against direct formulas and refits."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tactile_ros.estimators.evidence_regression import HyperPrior, Moments, leave_groups_out

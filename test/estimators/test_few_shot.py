@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Classes from few presses: depth, means of several, nuisances, and the choice of a metric."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Gaussian sum of touches against Bayes on a fine grid, with and without a common cause."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

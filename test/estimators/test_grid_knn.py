@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Neighbours of whole windows: hard case 7, ties and large offsets."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tactile_ros.estimators.grid_knn import GridKnn

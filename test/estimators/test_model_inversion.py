@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Model inversion on toy problems with known posteriors."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,11 +1,9 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Objects in a world of fine cells: tubes at any angle, the jaw, washers, none of these."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from functools import lru_cache
 from types import ModuleType, SimpleNamespace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -13,9 +11,6 @@ import pytest
 from reference import taxel_world
 from tactile_ros.estimators.object_pose import ObjectPose
 from tactile_ros.types import Outline
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 
 @lru_cache

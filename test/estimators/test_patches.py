@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Patches of touched taxels on any layout, against a slow flood over a table of distances."""
 
-from __future__ import annotations
-
 from time import perf_counter_ns
 
 import numpy as np

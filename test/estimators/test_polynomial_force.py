@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The chain of [3]: its rank, its common field, and where float and zero would spoil it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

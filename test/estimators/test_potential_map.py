@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Place from potentials: what terms, inversion and held-out errors must be right about."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

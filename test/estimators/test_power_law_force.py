@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The power law over a film, on what it must be right about."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

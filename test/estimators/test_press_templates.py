@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Templates of presses between their nodes."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tactile_ros.estimators.press_templates import template_rows

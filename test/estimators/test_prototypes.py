@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Prototypes of [1]: hard case 14."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tactile_ros.estimators.prototypes import Prototypes

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """What the best head leaves of a press: errors, or the way to another shape."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tactile_ros.estimators.press_search import shape_misfits

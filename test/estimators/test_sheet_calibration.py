@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A sheet that is fitted by its resting field and by presses, and how it explains others."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

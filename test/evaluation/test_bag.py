@@ -1,6 +1,4 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -13,7 +11,6 @@ import textwrap
 from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -34,10 +31,6 @@ from tactile_ros.evaluation.bag import (
     schema_text,
     type_hash,
 )
-
-if TYPE_CHECKING:
-    pass
-
 
 STRING = 'std_msgs/msg/String'
 

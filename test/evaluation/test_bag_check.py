@@ -4,12 +4,10 @@
 `TACTILE_BAG_CUTS=10000` tries so many cuts, which takes minutes.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import sqlite3
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,10 +23,6 @@ from tactile_ros.errors import RecordingError, TactileError
 from tactile_ros.evaluation.bag import BagWriter
 from tactile_ros.evaluation.bag_check import BagCheck, check_bag, repair_bag
 from tactile_ros.sensors import load_sensor
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
 
 STEP_NS = 10_000_000
 START_NS = 1_000_000_000

@@ -1,10 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Columns of serialised messages beside what rosbags reads from them one by one."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pytest
 
@@ -21,9 +17,6 @@ from tactile_ros.evaluation.cdr_columns import (
     read_texts,
 )
 from tactile_ros.evaluation.truth import STANDARD
-
-if TYPE_CHECKING:
-    pass
 
 TAXELS = 5
 CONTACTS = 'tactile_ros/msg/TactileContacts'

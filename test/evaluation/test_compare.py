@@ -1,11 +1,9 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Paired comparisons with known answers: equal, constructed, unequal, unlucky."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,9 +23,6 @@ from tactile_ros.evaluation.replay import replay
 from tactile_ros.evaluation.report import write_comparison
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import ContactStates, Frame, Layout, Recording
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 BOARD = Layout(np.zeros((2, 3)), ('Bx',), 'T')
 GROUPS, EACH = 20, 10

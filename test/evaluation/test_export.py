@@ -6,7 +6,8 @@ from __future__ import annotations
 import csv
 import json
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,10 +17,6 @@ from tactile_ros.errors import MissingPackageError, RecordingError, TactileError
 from tactile_ros.evaluation import export
 from tactile_ros.evaluation.export import CsvFile, ParquetFile, plain_name, write_tables
 from tactile_ros.evaluation.recording_files import load
-
-if TYPE_CHECKING:
-    from pathlib import Path
-    from types import SimpleNamespace
 
 
 @pytest.fixture

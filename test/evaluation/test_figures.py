@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Drawings as files of their own, and colours that can be read in the light and in the dark."""
 
-from __future__ import annotations
-
 import re
 from xml.etree import ElementTree as ET
 
@@ -64,7 +62,6 @@ def test_a_drawing_is_whole_and_brings_its_colours() -> None:
     assert root.get('viewBox') == '0 0 360 270'
     assert root.get('aria-label') == 'Error & time'
     style = root.findtext('{http://www.w3.org/2000/svg}style')
-    assert style is not None
     assert '--c0: #0060a8' in style
     assert 'path.line' in style
     assert '.c4 {' in style

@@ -1,16 +1,15 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Many recordings: in one process, in several and on a cluster with the same numbers."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
 import signal
+from collections.abc import Callable
 from copy import copy
 from dataclasses import astuple, replace
 from itertools import count
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,16 +31,10 @@ from tactile_ros.evaluation.fleet import (
 )
 from tactile_ros.evaluation.metrics import ROWS, frames_dropped
 from tactile_ros.evaluation.recording_files import ClassesChangedError, load, save_recording
-from tactile_ros.evaluation.report import environment, for_drawing
+from tactile_ros.evaluation.report import Dataset, environment, for_drawing
+from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from tactile_ros.evaluation.report import Dataset
-    from tactile_ros.pipeline import Pipeline
 
 
 @pytest.fixture(scope='module')
@@ -74,7 +67,6 @@ def test_a_failed_recording_is_an_outcome_and_the_rest_is_merged(folder: Path) -
     assert 'holds no bag' in found[1].failure
     assert 'does not exist' in found[4].failure
     whole = pooled(found)
-    assert whole is not None
     assert whole.frames == 40 + 28 + 200 + 100
     assert whole.dropped == 2
     assert [answer.calibration for answer in whole.answers] == ['a', 'b']
@@ -265,7 +257,6 @@ def test_contacts_without_a_frame_are_counted_once(
     found = judged(path, pipeline)
     assert '4 contacts are about frames that were not recorded' in found.problems
     (answer,) = found.answers
-    assert answer.agreement is not None
     assert (answer.agreement.frames, answer.agreement.without_contacts) == (36, 4)
 
 

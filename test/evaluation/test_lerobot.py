@@ -1,11 +1,10 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Data sets for learning, against the description of their format."""
 
-from __future__ import annotations
-
 import io
 import json
-from typing import TYPE_CHECKING
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,11 +17,6 @@ from tactile_ros.evaluation.lerobot import (
     write_dataset,
 )
 from tactile_ros.evaluation.recording_files import load
-
-if TYPE_CHECKING:
-    from pathlib import Path
-    from types import SimpleNamespace
-
 
 NO_ARROW = 'pyarrow is not installed: pip install pyarrow'
 START_NS = 1_000_000_000

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Errors, coverage and classes against plain sums."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from dataclasses import astuple
@@ -165,7 +163,6 @@ def test_contact_is_judged_at_rest_by_force_and_at_its_end() -> None:
     )  # fmt: skip
     states = ContactStates.assemble(12, 5, {'in_contact': told, 'force': force})
     found = contact_errors(recording, states)
-    assert found is not None
     assert found.touched.tolist() == [*[False] * 2, *[True] * 3, *[False] * 3, True, False]
     assert found.contact_at_rest == 50.0  # of 6 frames
     assert found.found == 75.0

@@ -1,11 +1,9 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import io
 import os
 import sys
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,11 +14,6 @@ from tactile_ros.evaluation.bag import all_types
 from tactile_ros.evaluation.recording_files import load, load_recording, save_recording
 from tactile_ros.evaluation.truth import nearest, nearest_of_key
 from tactile_ros.types import Layout, Recording
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
 
 LAYOUT = Layout(
     np.arange(6.0).reshape(2, 3) * 1e-3, ('Bx', 'By', 'Bz'), 'T', np.tile(np.eye(3), (2, 1, 1)),

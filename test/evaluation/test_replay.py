@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A replay repeats a live run: its baselines, tares, failures and classes."""
 
-from __future__ import annotations
-
 import json
 import queue
 import shutil
@@ -10,7 +8,7 @@ from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import replace
 from itertools import count
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +18,7 @@ from reference import made_bags as make
 from reference.failing_frames import fail_at
 from tactile_ros.action import Enrol
 from tactile_ros.conditioning.baseline import tare_means, tare_runs
+from tactile_ros.enrolment import ClassChange
 from tactile_ros.evaluation.fleet import evaluate_bag
 from tactile_ros.evaluation.recording_files import (
     LiveContacts,
@@ -39,6 +38,7 @@ from tactile_ros.evaluation.replay import (
 )
 from tactile_ros.nodes.contact_loop import ContactLoop
 from tactile_ros.nodes.enrolment_server import Enrolment, EnrolRequest
+from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import (
     STATE_FIELDS,
@@ -49,12 +49,6 @@ from tactile_ros.types import (
     Recording,
     TaxelStatus,
 )
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from tactile_ros.enrolment import ClassChange
-    from tactile_ros.pipeline import Pipeline
 
 STEP_NS = 20_000_000
 

@@ -1,10 +1,10 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-from __future__ import annotations
-
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
-from typing import TYPE_CHECKING
+from pathlib import Path
+from types import SimpleNamespace as Framed
 
 import numpy as np
 import pytest
@@ -27,11 +27,6 @@ from tactile_ros.evaluation.report import (
     write_report,
 )
 from tactile_ros.types import ContactStates, Layout, Recording
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-    from types import SimpleNamespace as Framed
 
 LAYOUT = Layout(np.zeros((5, 3)), ('Bx', 'By', 'Bz'), 'T')
 HOSTILE = '<script>alert(1)</script> & "quotes" \'too\''

@@ -1,10 +1,8 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Truth of a load cell on a clock of its own finds its frames."""
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,11 +11,7 @@ from scipy.special import expit
 from reference import made_bags as make
 from tactile_ros.evaluation.recording_files import Bag
 from tactile_ros.evaluation.truth import Association, Delay, estimate_delay
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from tactile_ros.types import Recording
+from tactile_ros.types import Recording
 
 FRAMES, STEP_NS, START_NS = 1500, 10_000_000, 10**9
 CLOCK_NS = 5_000_000_000_000  # by which the load cell's clock is ahead
@@ -110,7 +104,6 @@ def read_delay(late_s: float, seed: int, noise: float = 0.05) -> Delay | None:
 @pytest.mark.parametrize('late_s', [-0.2, 0.0, 0.0137, 0.31])
 def test_a_delay_is_found_to_within_what_it_claims(late_s: float) -> None:
     found = read_delay(late_s, seed=int(1000 * abs(late_s)))
-    assert found is not None
     error = abs(found.delay_ns * 1e-9 - late_s)
     assert error < 0.001
     assert error < 5 * found.std_ns * 1e-9

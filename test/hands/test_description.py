@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Fingers, the shipped hands, and files that are none."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

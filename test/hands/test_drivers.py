@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Interfaces of the drivers, letter for letter: topic, type, count, order, limits."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

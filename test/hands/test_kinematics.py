@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Closures to joints: no jump at the start, the synergy's line, the pad's own normal."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

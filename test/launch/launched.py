@@ -4,12 +4,9 @@
 launch_test test/launch/launched.py
 """
 
-from __future__ import annotations
-
 import time
 import unittest
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import launch_testing
 import rclpy
@@ -17,13 +14,11 @@ from launch.actions import IncludeLaunchDescription
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch_testing.actions import ReadyToTest
 from launch_testing.asserts import EXIT_OK, assertExitCodes
+from launch_testing.proc_info_handler import ProcInfoHandler
 from rclpy.qos import qos_profile_sensor_data
 
 from launch import LaunchDescription
 from tactile_ros.msg import GripState, TactileContacts, TactileFrame
-
-if TYPE_CHECKING:
-    from launch_testing.proc_info_handler import ProcInfoHandler
 
 FILES = Path(__file__).parents[2] / 'launch'
 PATIENCE_S = 120.0

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The launch files by launch_testing, where ROS brings it."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

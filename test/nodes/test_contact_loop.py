@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """When a tare is taken, from which frames, and which baseline is announced."""
 
-from __future__ import annotations
-
 from copy import copy
 from dataclasses import replace
 from types import SimpleNamespace

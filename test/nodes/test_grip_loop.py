@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Grip without ROS on springs; triggers of its steps; ages of messages."""
 
-from __future__ import annotations
-
 import dataclasses
 from types import SimpleNamespace
 

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Processes end with whoever started them, however that ends."""
 
-from __future__ import annotations
-
 import os
 import select
 import signal

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """True force and place from topics of another process' publishers."""
 
-from __future__ import annotations
-
 import time
 from importlib.util import find_spec
 

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The cheapest model that a scene needs, and gains of terms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Magnetised sheets against magpylib and one another."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

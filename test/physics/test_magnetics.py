@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Dipoles, blocks and discs: against magpylib, identities, and where closed forms fail."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 

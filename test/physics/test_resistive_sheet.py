@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Potentials of sheets against what is known of them without solving, and of each other."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

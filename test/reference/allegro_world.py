@@ -6,22 +6,16 @@ and sensors are this world's own. Time is virtual, so that figures do not hang o
 alone is left out. The law is told noisy forces at the contact, joint states and efforts.
 """
 
-from __future__ import annotations
-
 from collections import deque
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
 from tactile_ros.control import GraspOutcome, GraspProgress
 from tactile_ros.hands import load_hand
-from tactile_ros.nodes.grip_loop import GripLoop
+from tactile_ros.nodes.grip_loop import Decision, GripLoop
 from tactile_ros.simulation.hands import allegro_bodies
-
-if TYPE_CHECKING:
-    from tactile_ros.nodes.grip_loop import Decision
-    from tactile_ros.types import Array
+from tactile_ros.types import Array
 
 STEP, PERIOD, DEAD_TIME = 2e-3, 0.01, 0.015  # s
 FINGERS = ('index', 'middle', 'ring', 'thumb')

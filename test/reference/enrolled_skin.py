@@ -1,20 +1,15 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A multipole skin that knows five heads by a few presses of the twin, and a new head to learn."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.multipole_skin.specimen import Specimen
 from tactile_ros.sensors.multipole_skin.twin import DEPTH, NEW, NOISE, SPECIMEN, Pressing, played
 from tactile_ros.types import Frame, Recording
-
-if TYPE_CHECKING:
-    from tactile_ros.pipeline import Pipeline
 
 SPEC = load_sensor('multipole_skin')
 RESTING = 12  # frames before and after a press

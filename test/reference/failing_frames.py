@@ -1,17 +1,11 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Estimators that fail at some frames, when they have changed their memory."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+import pytest
 
-if TYPE_CHECKING:
-    import pytest
-
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import Columns, Signals
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.types import Columns, Signals
 
 
 def fail_at(monkeypatch: pytest.MonkeyPatch, pipeline: Pipeline, stamps: object) -> None:

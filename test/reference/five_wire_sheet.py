@@ -6,8 +6,6 @@ film may creep. Readings of a stream come at even times. Nothing of it is shared
 the package, nor with `five_wire_world.py`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 from scipy.sparse.linalg import splu

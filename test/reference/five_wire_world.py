@@ -6,8 +6,6 @@ a series of sines solves the equation of Laplace. The power law of the film vari
 Nothing of it is shared with the model of the package.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from tactile_ros.types import Layout, Recording

@@ -6,8 +6,6 @@ with temperature, an elastomer that expands, a disc that warms later than the ch
 thermometer is noisy, fields that are uniform or of a magnet nearby.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 

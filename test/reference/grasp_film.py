@@ -1,23 +1,16 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Films of a simulated hand and its forces, drawn by MuJoCo without a screen."""
 
-from __future__ import annotations
-
 import os
 from ctypes.util import find_library
-from typing import TYPE_CHECKING
+from pathlib import Path
+from types import ModuleType
+
+from PIL.Image import Image
 
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.evaluation.figures import nice_ticks
-from tactile_ros.simulation.hand_world import load_engine
-
-if TYPE_CHECKING:
-    from pathlib import Path
-    from types import ModuleType
-
-    from PIL.Image import Image
-
-    from tactile_ros.simulation.hand_world import HandWorld
+from tactile_ros.simulation.hand_world import HandWorld, load_engine
 
 SIZE, COLOURS = (240, 320), 64  # rows and columns of a picture
 BELOW, LEFT, RIGHT = 120, 30, 310  # rows below a picture for forces; columns of their axes

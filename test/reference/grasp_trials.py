@@ -4,35 +4,37 @@
 The controller is `nodes.grip_loop.GripLoop`, that of grip_node without ROS.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import erfc, sqrt
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.control import GripConfig, qb_softhand
 from tactile_ros.nodes.grip_loop import GripLoop
+from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.simulation import skins
-from tactile_ros.simulation.hand_world import Rig
+from tactile_ros.simulation.hand_world import HandWorld, Rig
 from tactile_ros.simulation.hands import allegro_hand, parallel_hand, soft_hand
-from tactile_ros.simulation.scenes import FRICTION, BalloonScene, GraspScene, LoadScene
+from tactile_ros.simulation.mjcf import HandModel
+from tactile_ros.simulation.scenes import (
+    FRICTION,
+    BalloonScene,
+    Carried,
+    Grasped,
+    GraspScene,
+    Handling,
+    Held,
+    LoadScene,
+    Touched,
+)
+from tactile_ros.types import Array, Frame, Recording
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.simulation.hand_world import HandWorld
-    from tactile_ros.simulation.mjcf import HandModel
-    from tactile_ros.simulation.scenes import Carried, Grasped, Handling, Held, Touched
-    from tactile_ros.types import Array, Frame, Recording
-
-    Watcher = Callable[[HandWorld], None]
+Watcher = Callable[[HandWorld], None]
 
 SEED = 1  # of the calibrations; noise and poses have the seed of a trial
 GENTLE, STRONG = 3.5, 15.0  # full scales of gradiometers (N): as built in [3], and stiffer

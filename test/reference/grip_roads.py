@@ -5,11 +5,11 @@ Frames of a real press and postures of a closing gripper are played row by row, 
 has been taken in, on a clock that moves with them alone: so every road has the same times.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from rclpy.node import Node
@@ -26,10 +26,6 @@ from tactile_ros.nodes.grip_node import GripNode
 from tactile_ros.nodes.lifecycle import qos
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 PERIOD_NS = 10_000_000
 ROWS = 150

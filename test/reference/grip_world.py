@@ -5,8 +5,6 @@ Fingers are springs against a rigid object that may slide between two of them. T
 of what a law is told by a real hand; physics is integrated far finer than the law's period.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass, field
 

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Commands of every --help and of the pages, as a reader would type them."""
 
-from __future__ import annotations
-
 import importlib
 import re
 from pathlib import Path

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Share of damaged frames that ReSkin's format, without a checksum, cannot show."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -7,8 +7,6 @@ The law is told forces of one finger with noise; all else it has to find out. Wh
 as in the scene of MuJoCo; the physics is another.
 """
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

@@ -1,12 +1,11 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Bags as a live run writes them, from messages of rosbags."""
 
-from __future__ import annotations
-
 from collections import namedtuple
+from collections.abc import Callable, Container, Sequence
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,16 +13,10 @@ from tactile_ros.evaluation.bag import BagContent, BagWriter, all_types, blank_m
 from tactile_ros.evaluation.bag import cdr_of as cdr
 from tactile_ros.messages import fill_contacts, fill_header, fill_layout
 from tactile_ros.nodes.contact_loop import ContactLoop
-from tactile_ros.types import ContactState, Layout
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.types import ContactState, Frame, Layout
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Container, Sequence
-    from pathlib import Path
-
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import Frame
-
-    Truth = Callable[[int, Frame, Callable[..., None]], None]
+Truth = Callable[[int, Frame, Callable[..., None]], None]
 
 TAXELS = 5
 STEP_NS = 10_000_000

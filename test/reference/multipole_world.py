@@ -7,8 +7,6 @@ where they go. Chips are misplaced, tilted and of unlike gain; the sheet is unev
 lie aside; the field of the Earth, drift and noise are added.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

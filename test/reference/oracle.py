@@ -4,21 +4,14 @@
 `pytest test/test_oracle.py --write-oracle` writes them anew, after a change of numbers on purpose.
 """
 
-from __future__ import annotations
-
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.sensors import load_sensor
-from tactile_ros.types import Recording
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tactile_ros.types import ContactStates
+from tactile_ros.types import ContactStates, Recording
 
 FOLDER = Path(__file__).parents[1] / 'data' / 'oracle'
 ASKED = 240  # rows whose states are kept

@@ -10,23 +10,18 @@ of its shape, if it is turned rightly. What is not recognised is put aside: a fa
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.physics.coverage import inside, part_pressure, washer
+from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors.taxel_array.config import (
     TaxelArrayConfig,
     grid_positions,
     radial_positions,
     sectors,
 )
-from tactile_ros.types import Frame, Outline, Recording
-
-if TYPE_CHECKING:
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
-    from tactile_ros.types import Array, ContactState, Integers, Layout, Outline
+from tactile_ros.types import Array, ContactState, Frame, Integers, Layout, Outline, Recording
 
 RINGS = ((6, 2.5e-3), (12, 7.5e-3), (24, 12.5e-3), (30, 17.5e-3))  # taxels, inner radius (m)
 PITCH = 5e-3

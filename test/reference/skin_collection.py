@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Data collection of [1] on a specimen of the package: every head at every place, some presses."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -6,8 +6,6 @@ skin conducts by a power of the load that levels off, remembers by three fading 
 play (hysteresis), and is read in 10 bits. Nothing of it is shared with the package's own models.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """docs/adding_a_sensor.md, executed: its made-up sensor is found, read, fitted and run."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

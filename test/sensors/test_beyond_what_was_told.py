@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Loads beyond any that was told: bounded forces that rise, wide sigmas, and a flag."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,19 +1,13 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """No frame waits for the compiler: fits and loads build what frames need."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from tactile_ros.physics import compiled
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
 
 pytestmark = pytest.mark.skipif(not compiled.AVAILABLE, reason='numba is not installed')
 PRESSES = {'gradiometer': 12, 'magnet_pad': 30, 'taxel_array': 12, 'five_wire_skin': 30}

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Configs: the papers' numbers as defaults, doors that refuse."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

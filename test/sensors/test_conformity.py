@@ -1,13 +1,11 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """What every sensor's pipeline must do, on toy data: a new sensor needs no new test."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import lru_cache, partial
 from itertools import pairwise
+from pathlib import Path
 from time import perf_counter_ns
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -15,7 +13,8 @@ import pytest
 from tactile_ros.calibration import flatten, read, write
 from tactile_ros.errors import CalibrationError, TactileError
 from tactile_ros.estimators import regression
-from tactile_ros.sensors import list_sensors, load_sensor
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.sensors import SensorSpec, list_sensors, load_sensor
 from tactile_ros.sensors.gradiometer import estimation as inversion
 from tactile_ros.types import (
     STATE_FIELDS,
@@ -27,12 +26,6 @@ from tactile_ros.types import (
     Recording,
     TaxelStatus,
 )
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.sensors import SensorSpec
 
 pytestmark = pytest.mark.parametrize('key', list_sensors())
 STREAMS, LENGTH = 8, 12
@@ -206,11 +199,9 @@ def test_fit_returns_itself_and_estimates_what_truth_told(toy: Toy, pipeline: Pi
     assert set(one.report)
     states = one.process_batch(recording)
     states.refuse_misfit(toy.layout.shape[0])
-    assert recording.tare is not None
     asked = states.valid & (states.in_contact == 1) & ~recording.tare
     assert asked.mean() > 0.5
     if toy.window > 1:  # answers stand on the last frame of a window
-        assert recording.stream is not None
         asked &= np.append(recording.stream[1:] != recording.stream[:-1], True)
     for name in set(one.estimators) & set(SEEN):
         told = np.asarray(recording.truth[name], float)[asked]
@@ -320,7 +311,6 @@ def run_live(pipeline: Pipeline, recording: Recording) -> dict[int, ContactState
     """What a hand does: it tares with the resting frames, and asks about all others."""
     pipeline.reset()
     states, resting = {}, []
-    assert recording.tare is not None
     for row in range(len(recording)):
         frame = recording.frame(row)
         if recording.tare[row]:
@@ -355,7 +345,6 @@ def test_live_is_batch_and_so_are_pieces_of_a_stream(toy: Toy, key: str, track: 
 
 def test_streams_do_not_know_of_each_other(toy: Toy, pipeline: Pipeline) -> None:
     recording = toy.streams(3, seed=8)
-    assert recording.stream is not None
     together = pipeline.process_batch(recording)
     for number in range(3):
         rows = np.flatnonzero(recording.stream == number)
@@ -610,6 +599,5 @@ def test_untouched_rows(toy: Toy, pipeline: Pipeline) -> None:
 def test_tare_rows_are_untouched_and_get_states(toy: Toy, pipeline: Pipeline) -> None:
     recording = toy.streams(2)
     states = pipeline.process_batch(recording)
-    assert recording.tare is not None
     assert (states.in_contact[recording.tare] == 0).all()
     assert states.valid[recording.tare].all()

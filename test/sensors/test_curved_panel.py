@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A panel that is bent round a cylinder and is no rectangle, on the five-wire skin's own chain."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.interpolate import LinearNDInterpolator

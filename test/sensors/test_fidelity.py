@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Models that sensors choose by their config and noise, and what a wrong one would do."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from importlib import import_module
 

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The five-wire skin on a world that is not the package's own."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from functools import lru_cache

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The gradiometer in worlds of warm elastomers and magnets: what [3] is to bear, case by case."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 from functools import lru_cache
@@ -192,8 +190,6 @@ def test_without_the_temperatures_of_its_fit_sigmas_are_wider() -> None:
 
 def test_spells_without_a_temperature_are_the_same_live_and_in_a_batch() -> None:
     test = world().record(60, 6, WARM)
-    assert test.temperature_c is not None
-    assert test.stamp_ns is not None
     chips = test.temperature_c.copy()
     chips[70:80] = chips[100:105] = np.nan
     test = dataclasses.replace(test, temperature_c=chips)

@@ -1,18 +1,17 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The magnet pad on a body, magnets and chips that the package does not know."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import lru_cache
 from importlib import import_module
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tactile_ros.nodes.contact_loop import ContactLoop
 from tactile_ros.physics.temperature import REMANENCE_SLOPE
+from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.magnet_pad.body_model import (
     Specimens,
@@ -21,11 +20,6 @@ from tactile_ros.sensors.magnet_pad.body_model import (
 )
 from tactile_ros.sensors.magnet_pad.estimation import SLOPE_SIGMA, ThermalDrift
 from tactile_ros.types import ContactStates, Frame, FrameStatus, Recording, TaxelStatus
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from tactile_ros.pipeline import Pipeline
 
 pytest.importorskip('magpylib')
 reference = import_module('reference.magnet_pad_world')

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The lesson of the multipole skin's twin: who presses when, where, and how."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -32,7 +30,6 @@ def of_presses(recording: Recording, name: str) -> np.ndarray:
 
 def test_known_heads_press_then_the_new_one_then_all(played: Recording) -> None:
     lesson, labels = SPEC.lesson, of_presses(played, 'label')
-    assert lesson is not None
     assert (lesson.label, lesson.presses) == (twin.NEW.name, twin.SHOTS)
     assert twin.NEW.name not in [head.name for head in SPEC.config().objects]  # type: ignore[attr-defined]
     assert twin.SHOTS < twin.TAUGHT

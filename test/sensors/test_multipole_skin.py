@@ -1,10 +1,8 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Paper [1]: shapes, poses and classes on a world of its own, and its hard cases."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,16 +10,11 @@ import pytest
 from reference import multipole_world as world
 from tactile_ros.enrolment import Allowed, learn
 from tactile_ros.estimators.few_shot import Presses, press_patterns
+from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.multipole_skin import estimation
 from tactile_ros.sensors.multipole_skin.estimation import WindowMemory, find_windows, press_numbers
-from tactile_ros.types import Outline, Recording, Signals
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import ContactStates
+from tactile_ros.types import ContactStates, Outline, Recording, Signals
 
 SPEC = load_sensor('multipole_skin')
 ROWS = world.TARE + world.WINDOW

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Specimens of the multipole skin: their physics, their flaws, and what they are asked for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

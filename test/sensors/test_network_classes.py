@@ -1,10 +1,8 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The network of [1] as a road of a fit, beside templates and neighbours."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,9 +16,6 @@ from tactile_ros.sensors.multipole_skin.config import box, nine_heads
 from tactile_ros.sensors.multipole_skin.recogniser import NETWORKS
 from tactile_ros.sensors.multipole_skin.specimen import Specimen
 from tactile_ros.types import Recording
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 pytest.importorskip('onnxruntime')
 SPEC = load_sensor('multipole_skin')

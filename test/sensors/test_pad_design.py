@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Conditions 1 and 2 of [2], its remedies and the search, on pads that fail on purpose."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Every config and connection as ROS parameters: declared, read back, the same."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Groups by which roads of the multipole skin are compared, and skins known by rest alone."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -59,12 +57,10 @@ def recogniser() -> Recogniser:
 def test_magnets_may_turn_with_the_body_or_not_where_no_press_told(
     recogniser: Recogniser, turning: float
 ) -> None:
-    assert recogniser.model is not None
     skin = Recogniser(
         replace(recogniser.model, turning=turning), recogniser.outlines, recogniser.noise,
         recogniser.common,
     )  # fmt: skip
-    assert skin.search is not None
     parts = skin.search.bank.at(np.array([0, 1]), POSES)[:, 0]
     patterns = np.einsum('p,npd->nd', 4e-4 ** np.arange(1, 4), parts)
     answers = recogniser.answer(Presses(patterns, np.full(2, 10.0)))

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The registry: folders are keys, specs are whole, unknown names are told what there is."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

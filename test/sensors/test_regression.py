@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """State and gain of a skin, votes and turns, and what recorded touches leave open."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

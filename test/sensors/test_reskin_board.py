@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The board's estimates on its real recordings, on groups that were held out."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 

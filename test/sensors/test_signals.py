@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The simple signals of the twins: plausible sizes and signs, truth that belongs to them."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import lru_cache
 from importlib import import_module

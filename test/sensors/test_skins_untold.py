@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """A calibration of an array or a sheet says what its recordings could not support."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

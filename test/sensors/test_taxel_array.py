@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Laws, creep, objects and patches of taxel arrays, in a world of cells that is not their own."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import lru_cache
 

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Crosstalk of a matrix and the area law as options of the config, in circuits solved apart."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

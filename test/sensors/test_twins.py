@@ -1,23 +1,18 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Real drivers over twins: what a signal says comes out within quantisation and noise."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tactile_ros.cli.main import main
 from tactile_ros.errors import DeviceError
-from tactile_ros.sensors import list_sensors, load_sensor
-
-if TYPE_CHECKING:
-    from tactile_ros.sensors import SensorSpec
-    from tactile_ros.types import Frame, Twin
+from tactile_ros.sensors import SensorSpec, list_sensors, load_sensor
+from tactile_ros.types import Frame, Twin
 
 TWO_BUSES: dict[str, object] = {
     'transport': 'i2c', 'mode': 'burst', 'buses': ('a', 'b'), 'bus_of_chip': (0,) * 12 + (1,) * 8,

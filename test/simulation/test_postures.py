@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Postures of the shipped Allegro hands: pads of fingers and thumb face each other."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

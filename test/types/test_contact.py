@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """States know every attribute of the public face, with the shape and the kind that it says."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

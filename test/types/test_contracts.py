@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Tables of figures: every row has a cell for every column."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

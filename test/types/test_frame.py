@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Layouts, frames and outlines check what they are given, once, at the door."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -27,7 +25,6 @@ def test_as_shape_names_what_is_wrong() -> None:
 def test_a_layout_says_what_it_is() -> None:
     layout = Layout(np.zeros((5, 3)), ('Bx', 'By', 'Bz'), 'T')
     assert layout.shape == (5, 3)
-    assert layout.saturation is not None
     np.testing.assert_array_equal(layout.saturation, [np.inf] * 3)
     clipped = Layout(np.zeros((5, 3)), ('Bx', 'By', 'Bz'), 'T', saturation=np.array([1.0, 2, 3]))
     np.testing.assert_array_equal(clipped.saturation, [1, 2, 3])  # type: ignore[arg-type]

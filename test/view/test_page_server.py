@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Live page: what its server says, whom it refuses, and what a browser draws."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re
@@ -11,7 +9,8 @@ import subprocess
 import threading
 import urllib.error
 import urllib.request
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,10 +19,6 @@ from tactile_ros.errors import TactileError
 from tactile_ros.types import ContactState, Frame, FrameStatus, Layout, TaxelStatus
 from tactile_ros.view import page_server
 from tactile_ros.view.page_server import HOST, Handler, PageServer
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 LAYOUT = Layout(
     np.array([[0.0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0.01, 0.01, 0]]), ('Bx', 'By', 'Bz'), 'T',

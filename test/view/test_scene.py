@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """What is shown of a state: places, colours and lengths, without a viewer."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

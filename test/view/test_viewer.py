@@ -1,12 +1,10 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """What a viewer gets: a file of Foxglove's own, read back; a server on this machine alone."""
 
-from __future__ import annotations
-
 import json
 import socket
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,10 +15,7 @@ from tactile_ros.sensors import load_sensor
 from tactile_ros.types import ContactState, Frame
 from tactile_ros.view.viewer import HOST, Seen
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    Shown = list[tuple[object, object, object]]  # schema, channel, message
+Shown = list[tuple[object, object, object]]  # schema, channel, message
 
 
 @pytest.fixture(scope='module')
