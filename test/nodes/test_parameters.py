@@ -1,6 +1,8 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Dataclass fields as ROS parameters: values and sentences; fields themselves refuse values."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, field
 

@@ -1,6 +1,8 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Fields of configs: what their metadata say is what the door lets in."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, fields
 
 import numpy as np
