@@ -2,7 +2,6 @@
 """Commands and code of the pages: parsed by the commands' own parsers."""
 
 import ast
-import doctest
 import importlib
 import re
 import shlex
@@ -44,11 +43,6 @@ def test_files_of_the_demo_are_named_as_it_names_them() -> None:
         if ' demo' not in line:
             for word in re.findall(r'out/demo/(\S*)', line):
                 assert made.match(word), line
-
-
-def test_there_are_commands_to_look_at() -> None:
-    names = {line.split()[1] for _, line in COMMAND_LINES if line.startswith('tactile')}
-    assert names >= {'list', 'doctor', 'calibrate', 'replay', 'report', 'view', 'bench', 'demo'}
 
 
 @pytest.mark.parametrize(('page', 'line'), COMMAND_LINES, ids=lambda text: text.replace('/', '|'))
@@ -96,13 +90,3 @@ def test_python_of_the_pages_compiles_and_imports(page: Path) -> None:
                     continue
                 module = importlib.import_module(node.module)
                 assert all(hasattr(module, alias.name) for alias in node.names), page.name
-
-
-def test_the_method_of_the_page_is_one() -> None:
-    ((_, text),) = [b for b in blocks(ROOT / 'docs' / 'adding_a_method.md') if b[0] == 'python']
-    made: dict[str, object] = {'__name__': 'nearest'}
-    exec(compile(text, 'nearest.py', 'exec'), made)
-    tests = doctest.DocTestFinder().find(made['Nearest'], 'Nearest', globs=made)
-    assert tests
-    flags = doctest.NORMALIZE_WHITESPACE
-    assert sum(doctest.DocTestRunner(optionflags=flags).run(t).failed for t in tests) == 0

@@ -58,11 +58,6 @@ def board() -> Twin:
     return spec.simulate(spec.config(), spec.connection())
 
 
-def test_the_page_sets_where_sensors_lie() -> None:
-    assert 'export TACTILE_SENSORS=$PWD/my_sensors\n' in PAGE.read_text()
-    assert [line.split()[1] for line in COMMANDS[-2:]] == [*NODES]
-
-
 @pytest.mark.parametrize('line', [one for one in COMMANDS if one.split()[1] not in NODES])
 def test_a_line_of_the_page_works(
     line: str, home: Path, capsys: pytest.CaptureFixture[str]

@@ -140,20 +140,3 @@ def test_what_is_written_goes_through_it() -> None:
         'calibration.py', 'evaluation/recording_files.py',
         'evaluation/bag.py', 'sensors/reskin_board/recordings/convert.py',
     }  # fmt: skip
-
-
-def test_the_page_says_the_caps_that_the_code_has() -> None:
-    from tactile_ros import calibration as calibrations
-    from tactile_ros.evaluation import recording_files as recordings
-    from tactile_ros.evaluation.bag import LARGEST_CHUNK
-    from tactile_ros.evaluation.recording_files import MOST_ROWS
-    from tactile_ros.files import MOST_YAML_BYTES
-
-    page = (ROOT / 'docs' / 'security.md').read_text()
-    assert f'{calibrations.MOST_MEMBERS:,}'.replace(',', ' ') + ' members' in page
-    assert f'{calibrations.MOST_BYTES >> 20} MiB' in page
-    assert f'{recordings.MOST_MEMBERS} members and {recordings.MOST_BYTES >> 30} GiB' in page
-    assert f'chunks at most {LARGEST_CHUNK >> 20} MiB' in page
-    assert f'rows at most {MOST_ROWS // 10**6} million' in page
-    assert f'{MOST_YAML_BYTES // 10**6} MB' in page
-    assert f'at most {MOST_CHARACTERS} letters' in page

@@ -43,11 +43,6 @@ def test_reference_has_every_interface_and_parameter(made: dict[str, str]) -> No
     assert '| `bus_clock` | `400000` |' in page  # of the connection
 
 
-def test_home_links_to_pages_of_the_site(made: dict[str, str]) -> None:
-    assert '](docs/' not in made['index.md']
-    assert '](reskin_board.md)' in made['index.md']
-
-
 def test_results_are_the_golden_figures_of_today() -> None:
     page = (ROOT / 'docs' / 'results.md').read_text()
     assert page == site_pages.results(), 'python docs/site_pages.py writes it anew'

@@ -14,8 +14,6 @@ from benchmarks.harness.driver_speed import bus_rows, decoding_rows, memory_rows
 from benchmarks.harness.live import resident_kib
 from benchmarks.harness.rows import within
 from benchmarks.magnet_pad import CellKnn
-from benchmarks.worlds import grip_faults
-from reference import pick_world
 
 
 @pytest.mark.parametrize(
@@ -85,36 +83,3 @@ def test_maps_of_a_pad_are_drawn() -> None:
     for text in (share, error):
         assert ET.fromstring(text).tag.endswith('svg')
         assert len(text) < 100_000
-
-
-@pytest.mark.parametrize(
-    'build', [pick_world.magnet_gripper, pick_world.suction_cup, pick_world.jaw]
-)
-def test_an_object_lies_over_its_taxels(build: object) -> None:
-    config = build()  # type: ignore[operator]
-    corners = plots.taxel_corners(config.positions, config.areas, config.taxel_outlines)
-    pressure = np.zeros(len(corners))
-    pressure[:3], pressure[3] = (1.0, 0.5, 0.1), np.nan
-    lines = plots.edges_of(config.objects[0])
-    found = plots.placed(lines, np.array([1e-3, 0.0, 0.3]))
-    svg = plots.object_map(corners, pressure, found, lines, 'a part')
-    assert len(paths(svg, 's4')) == 1
-    assert len(paths(svg, 's1')) == 1
-    few = len(corners) <= 500
-    assert len(paths(svg, 's0')) == (len(corners) - 3 if few else 0)
-    assert len(paths(svg, 'line c1')) == len(paths(svg, 'line ink')) == len(lines)
-    assert svg.count('>x<') == int(few)
-    assert len(svg) < 100 * 1024
-
-
-def test_faults_of_a_grasp_are_drawn_also_where_nothing_reacted_or_was_heard() -> None:
-    at, none = np.linspace(0.01, 0.5, 50), np.zeros(0)
-    suffered = [
-        grip_faults.Suffered(at, np.full(50, 2.0), 0.1),
-        grip_faults.Suffered(at, np.full(50, 2.0), np.nan),
-        grip_faults.Suffered(none, none, np.nan),
-    ]
-    text = grip_faults.drawn({'one': suffered, 'other': suffered[2:]})
-    ET.fromstring(text)
-    assert 'one: 3 faults' in text
-    assert text.count('path class="fill c0"') == 1 < text.count('line c0')

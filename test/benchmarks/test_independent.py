@@ -7,25 +7,9 @@ import sys
 import numpy as np
 import pytest
 
-from benchmarks.harness.independent import FOLDER, SENSORS, figure, independent_rows, tasks
+from benchmarks.harness.independent import figure, independent_rows, tasks
 from benchmarks.independent import five_wire_skin as judge
 from benchmarks.independent.recordings import Task
-
-
-def test_the_page_has_every_task_with_its_bound_and_limit() -> None:
-    lines = (FOLDER / 'README.md').read_text().splitlines()
-    told = [line.strip('| ').split(' | ') for line in lines if line.startswith('| `')]
-
-    def said(value: float | None) -> str:
-        return '-' if value is None else f'{value:g}'
-
-    assert told == [
-        [
-            f'`{task.name}`', task.what + ' (slow)' * task.slow, task.unit, said(task.bound),
-            said(task.limit),
-        ]
-        for sensor in SENSORS for task in tasks(sensor)
-    ]  # fmt: skip
 
 
 def test_quick_benches_leave_slow_tasks_out_and_unanswered_ones_are_missed(

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Patches of touched taxels on any layout, against a slow flood over a table of distances."""
 
-from time import perf_counter_ns
-
 import numpy as np
 import pytest
 
@@ -116,20 +114,3 @@ def test_little_pressure_between_two_joins_nothing_and_is_lost_by_none() -> None
     np.testing.assert_allclose(np.nansum(found.load), load[touched].sum())
     np.testing.assert_allclose(np.sort(found.position[0, :2, 0]), [-6e-3, 6e-3], atol=5e-5)
     assert sum(sizes(found.label[0])) == touched.sum()
-
-
-def test_the_time_of_a_frame_grows_with_its_taxels() -> None:
-    """A ratio of one run: an absolute time would judge the machine."""
-    spent: dict[int, list[int]] = {72: [], 2000: []}
-    grids = {72: (8, 9), 2000: (40, 50)}
-    finders = {
-        taxels: PatchFinder(grid_positions(*shape, 1e-3), np.full(taxels, 1e-6), 8)
-        for taxels, shape in grids.items()
-    }
-    for _ in range(20):
-        for taxels, finder in finders.items():
-            load = np.ones((1, taxels))
-            began = perf_counter_ns()
-            finder.find(load, load, load > 0)
-            spent[taxels].append(perf_counter_ns() - began)
-    assert min(spent[2000]) < 2000 / 72 * min(spent[72])

@@ -4,7 +4,6 @@
 import numpy as np
 import pytest
 
-from tactile_ros.errors import NotCalibratedError
 from tactile_ros.estimators.rbf_force import RbfForce, k_means
 
 
@@ -43,8 +42,3 @@ def test_the_width_is_that_of_equation_7() -> None:
     found = RbfForce(nodes=(16,)).fit(x, x[:, :1])
     apart = np.linalg.norm(found.centres_[:, None] - found.centres_, axis=2).max()
     assert found.width_ == pytest.approx(apart / np.sqrt(2 * len(found.centres_)))
-
-
-def test_nothing_is_predicted_before_a_fit() -> None:
-    with pytest.raises(NotCalibratedError, match='must be fitted'):
-        RbfForce().predict(np.zeros((1, 4)))

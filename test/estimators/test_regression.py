@@ -108,35 +108,6 @@ def test_mean_of_members_written_out() -> None:
     assert np.allclose(net.predict(x), np.mean(answers, axis=0), rtol=0, atol=1e-12)
 
 
-def test_slopes_are_those_of_the_mean_soft_length(monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(1)
-    monkeypatch.setattr(regression, 'SOFTNESS', 0.1)
-    x, y = rng.normal(size=(1, 6, 3)), rng.normal(size=(1, 6, 2))
-    trust = rng.uniform(0.5, 2, (1, 6, 1))
-    layers = [rng.normal(size=(1, a, b)) for a, b in ((3, 4), (4, 4), (4, 2))]
-    layers += [rng.normal(size=(1, 1, b)) for b in (4, 4, 2)]
-
-    def loss() -> float:
-        answer = x
-        for k in range(3):
-            answer = answer @ layers[k] + layers[3 + k]
-            answer = np.tanh(answer) if k < 2 else answer
-        size = np.sqrt(((answer - y) ** 2).sum(axis=-1) + 0.01)
-        return float((trust[..., 0] * size).mean())
-
-    slopes = [np.zeros_like(layer) for layer in layers]
-    regression._backward(x, y, trust, layers, slopes)
-    for layer, slope in zip(layers, slopes, strict=True):
-        for index in np.ndindex(layer.shape):
-            kept = layer[index]
-            layer[index] = kept + 1e-5
-            above = loss()
-            layer[index] = kept - 1e-5
-            below = loss()
-            layer[index] = kept
-            assert abs((above - below) / 2e-5 - slope[index]) < 1e-6
-
-
 def test_pattern_sees_direction_and_length() -> None:
     rng = np.random.default_rng(2)
     direction = rng.normal(size=(600, 3))

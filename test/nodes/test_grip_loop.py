@@ -135,21 +135,6 @@ def test_the_law_does_not_run_ahead_of_a_hand_that_is_blocked(action: str) -> No
     assert (np.abs(after.command.position - world.joints.position) <= step + 0.05).all()
 
 
-@pytest.mark.parametrize('missing', ['felt', 'told'])
-def test_a_stale_input_holds_the_last_posture_within_its_age(missing: str) -> None:
-    world = World('allegro_v5')
-    world.stage.grasp(2.0, (), 0.0, adapt=False)
-    world.until_end()
-    setattr(world, missing, False)
-    silent_since = world.time_s
-    while world.step().made.phase != GripPhase.FAULT:
-        assert world.time_s - silent_since < world.config.stale_age + 0.1
-    made = world.run(0.5)
-    assert made.command is None
-    assert 'stale' in made.refusal
-    assert world.force == pytest.approx(2.0, rel=0.1)
-
-
 @pytest.mark.parametrize('stiffness', [10.0, 200.0])
 @pytest.mark.parametrize('name', ['allegro_v5', 'qb_softhand'])
 def test_an_input_lost_in_mid_transient_neither_squeezes_nor_drops(

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 import re
-import signal
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
@@ -34,7 +33,6 @@ from tactile_ros.hands import load_hand
 from tactile_ros.messages import fill_header, stamp_ns
 from tactile_ros.msg import GripState, TactileContacts, TactileFrame
 from tactile_ros.nodes import grip_node, lifecycle
-from tactile_ros.nodes.graph import Graph, Process
 from tactile_ros.nodes.grip_loop import Decision
 from tactile_ros.nodes.grip_node import (
     FEEDBACK_S,
@@ -45,7 +43,6 @@ from tactile_ros.nodes.grip_node import (
 )
 from tactile_ros.nodes.lifecycle import ManagedNode, qos
 from tactile_ros.nodes.mock_hand_node import MockHandNode
-from tactile_ros.nodes.processes import Running
 
 if TYPE_CHECKING:
     from conftest import Ros
@@ -407,26 +404,6 @@ def test_nothing_is_commanded_once_forces_are_a_tenth_of_a_second_old(
     assert commands(mock) == before
 
 
-def test_a_kill_leaves_the_last_posture_which_holds(ros: Ros) -> None:
-    ros.init('hand:=allegro_v5', *QUICK)
-    mock = ros.add(MockHandNode())
-    lifecycle.start([mock])
-    fingers = ros.add(Fingers(mock))
-    quick = {name: float(text) for name, text in (one.split(':=') for one in QUICK)}
-    grip = Process('grip_node', {'hand': 'allegro_v5', **quick})
-    with Running(Graph((grip,))) as running:
-        assert ros.until(lambda: fingers.states)
-        fingers.hold(ros)
-        running.children['grip_node'].send_signal(signal.SIGKILL)
-        assert running.wait('grip_node', 120.0) == -signal.SIGKILL
-    count = mock.joints.steps
-    assert ros.until(lambda: mock.joints.steps > count + 20)
-    first = fingers.force('index')
-    assert 0.2 < first < 1.5
-    assert ros.until(lambda: mock.joints.steps > count + 60)
-    assert fingers.force('index') == pytest.approx(first, rel=0.01)
-
-
 def test_a_tare_while_holding_is_named_and_a_latched_one_is_not(ros: Ros) -> None:
     grip, _, fingers = graph(ros, 'allegro_v5')
     baseline = fingers.create_publisher(TactileFrame, 'index/baseline', qos('baseline'))
@@ -574,16 +551,6 @@ def test_it_can_be_deactivated_and_activated_again(ros: Ros) -> None:
     told = {pair.key: pair.value for pair in grip.diagnose().values}
     assert told['phase'] == 'HOLD'
     assert int(told['commands']) > 3
-
-
-def test_parameters_that_cannot_be_are_refused_at_configure(
-    ros: Ros, capfd: pytest.CaptureFixture[str]
-) -> None:
-    ros.init('hand:=qb_softhand', 'rate_hz:=50.0')
-    node = ros.add(GripNode())
-    lifecycle.start([node])
-    assert 'rate_hz must be at most 25' in capfd.readouterr().err
-    assert node.trigger_activate() != lifecycle.SUCCESS
 
 
 def handle(number: int) -> SimpleNamespace:

@@ -47,11 +47,6 @@ def python(home: Path, *arguments: str) -> str:
     return done.stdout
 
 
-def test_the_page_has_all_files_of_a_sensor() -> None:
-    names = [name for name, _ in BLOCKS]
-    assert names == ['config.py', 'signal.py', 'device.py', '__init__.py', 'try_it.py']
-
-
 def test_the_commands_find_it_by_the_variable_alone(home: Path) -> None:
     environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
     environment.pop('TACTILE_SENSORS', None)

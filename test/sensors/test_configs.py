@@ -2,17 +2,14 @@
 """Configs: the papers' numbers as defaults, doors that refuse."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tactile_ros.sensors import list_sensors, load_sensor
-from tactile_ros.sensors.magnet_pad.config import surface_cells
+from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.taxel_array.config import grid_positions, sectors
 from tactile_ros.types import Outline
 
-ROOT = Path(__file__).resolve().parent.parent.parent
 # sensor: taxels, channels, unit, and the numbers of its paper (SI)
 PAPERS = {
     'reskin_board': (5, ('Bx', 'By', 'Bz'), 'T', {}),
@@ -43,10 +40,6 @@ PAPERS = {
 }  # fmt: skip
 
 
-def test_the_six_sensors_are_here() -> None:
-    assert set(PAPERS) <= set(list_sensors())
-
-
 @pytest.mark.parametrize('key', PAPERS)
 class TestConfig:
     def test_defaults_are_the_papers_numbers(self, key: str) -> None:
@@ -71,12 +64,6 @@ class TestConfig:
         turned = dataclasses.replace(spec.config(), rotations=turn)  # type: ignore[type-var]
         np.testing.assert_array_equal(spec.layout(turned).rotations, turn)
 
-    def test_it_has_a_page(self, key: str) -> None:
-        page = (ROOT / 'docs' / f'{key}.md').read_text()
-        assert page.startswith(f'# {key}: ')
-        for word in ('Connect', 'twin' if key != 'reskin_board' else 'board'):
-            assert word in page
-
 
 def test_chips_of_the_multipole_skin_are_five_clusters_of_four() -> None:
     config = load_sensor('multipole_skin').config()
@@ -87,15 +74,6 @@ def test_chips_of_the_multipole_skin_are_five_clusters_of_four() -> None:
     assert np.ptp(clusters, axis=1).max() < 10e-3
     surface = config.positions[:, 2] + config.gap  # type: ignore[attr-defined]
     np.testing.assert_allclose(surface, config.layer_thickness)  # type: ignore[attr-defined]
-
-
-@pytest.mark.parametrize(('along', 'around'), [(3, 2), (5, 3), (5, 5)])
-def test_cells_lie_on_the_half_cylinder(along: int, around: int) -> None:
-    cells = surface_cells(along, around)
-    assert len(cells) == along * around
-    np.testing.assert_allclose(np.hypot(cells[:, 1], cells[:, 2]), 10e-3)
-    assert (cells[:, 2] > 0).all()
-    assert np.abs(cells[:, 0]).max() < 20e-3
 
 
 def test_magnets_need_an_axis_each() -> None:

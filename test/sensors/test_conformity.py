@@ -356,16 +356,6 @@ def test_streams_do_not_know_of_each_other(toy: Toy, pipeline: Pipeline) -> None
             assert differences(state, alone[i], 1e-9, ALL) == []
 
 
-def test_numbers_of_one_frame_are_its_own(toy: Toy, pipeline: Pipeline) -> None:
-    """States do not change when later frames come in."""
-    recording = toy.streams(1, seed=4)
-    pipeline.reset()
-    states = [pipeline.process(recording.frame(row)) for row in range(len(recording))]
-    pipeline.reset()
-    for row, state in enumerate(states):
-        assert differences(state, pipeline.process(recording.frame(row)), 0.0, ALL) == []
-
-
 def test_a_frame_takes_little_time(toy: Toy, pipeline: Pipeline) -> None:
     frame = toy.streams(1).frame(3)
     spent = []

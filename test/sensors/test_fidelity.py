@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.worlds import multipole_fidelity as skin
 from tactile_ros.enrolment import Touches
 from tactile_ros.physics.fidelity import SHARE, rate
 from tactile_ros.physics.field_table import reach_under, table_disc_model
@@ -59,17 +58,6 @@ def test_a_pad_takes_more_dipoles_when_it_hears_more() -> None:
     states = np.stack(movement(PAD, fresh), axis=1).reshape(len(fresh), -1)
     truth, model = (pad.block_field(PAD, n) for n in (EXACT, found[1].size[0]))
     assert rate(model, truth.readings(states), states, np.array(3e-5)).share < 1.5 * SHARE
-
-
-def test_some_carpet_under_exact_mechanics_is_below_a_third_of_the_noise() -> None:
-    states = skin.pressed_states(1, corners=1)
-    assert states[0, 2] == skin.DEEPEST
-    choice, _, finest = skin.pressed_choice(SKIN, 4e-6, states)
-    assert choice.chosen.name != finest.name
-    error = {rated.name: rated.worst for rated in choice.rated}
-    coarse = [error[f'{pitch:g} mm, bonded layer'] for pitch in (5.0, 2.5, 1.25)]
-    assert coarse == sorted(coarse, reverse=True)
-    assert error['2.5 mm with 2 x 2 points, bonded layer'] < 0.5 * error['2.5 mm, bonded layer']
 
 
 @pytest.mark.parametrize(

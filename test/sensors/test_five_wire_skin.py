@@ -15,7 +15,7 @@ from tactile_ros.estimators.power_law_force import PowerLawForce
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.five_wire_skin.film import TIME_CONSTANTS, FilmCreep, FilmMemory
-from tactile_ros.types import Frame, FrameStatus, Recording, Signals
+from tactile_ros.types import Frame, FrameStatus, Recording
 
 SENSOR = load_sensor('five_wire_skin')
 LAYOUT = SENSOR.layout(SENSOR.config())
@@ -152,29 +152,6 @@ def test_force_at_the_calibration_squares_is_the_dividers_noise() -> None:
     touched = test.truth['in_contact'] == 1
     error = (pipeline.process_batch(test).force - test.truth['force'])[touched, 2]
     assert np.sqrt((error**2).mean()) < 1.15 * world.least(where, load)
-
-
-def test_frames_are_batches_bit_for_bit() -> None:
-    pipeline, test, _ = learned('sheet', 5)
-    batch, first = pipeline.process_batch(test), 300
-    pipeline.reset()
-    frames = [pipeline.process(test.frame(i)) for i in range(first)]
-    for name in ('position', 'position_cov', 'force', 'force_cov', 'in_contact'):
-        live = np.array([getattr(state, name) for state in frames])
-        np.testing.assert_array_equal(live[5:], getattr(batch, name)[5:first])
-
-
-def test_contact_is_told_by_the_divider_and_changes_nothing() -> None:
-    pipeline, test, _ = learned('line', 7)
-    usable = test.values[5:]
-    signals = Signals(
-        usable, usable - pipeline.baseline, np.broadcast_to(pipeline.baseline, usable.shape),
-        None, None, np.zeros(len(usable), bool), np.ones(len(usable), np.int8),
-        np.ones(len(usable), bool),
-    )  # fmt: skip
-    contact = pipeline.estimation.contact_from_sensor(signals)
-    np.testing.assert_array_equal(contact, test.truth['in_contact'][5:])
-    assert (signals.in_contact == 1).all()
 
 
 def test_a_short_tare_adds_no_noise_of_its_own() -> None:
@@ -423,21 +400,6 @@ def test_case_13_a_reset_in_a_hold_costs_what_is_forgotten_and_the_release_is_cl
     lost = np.abs(anew - clean)[at : at + 250] / clean[at : at + 250]
     assert lost.max() < 0.3
     assert pipeline.process_batch(cut).in_contact[released].max() == 0
-
-
-@pytest.mark.parametrize('estimator', [None, 'ridge', 'printed'])
-def test_a_short_circuit_is_no_force_whatever_estimates(estimator: str | None) -> None:
-    recording = SENSOR.presses(SENSOR.config(), 0, 8)
-    pipeline = SENSOR.pipeline(estimator=estimator).fit(recording)
-    row = held(recording)[10]
-    for reading in (1.0, 5.0):
-        values = recording.values[row].copy()
-        values[0, 2] = reading
-        state = pipeline.process(Frame(None, 0, values))
-        assert not state.valid
-        assert np.isnan(state.force).all()
-        assert np.isnan(state.position).all()
-        assert state.in_contact == -1
 
 
 @pytest.mark.parametrize('contact', [1, 0], ids=['touched', 'resting'])

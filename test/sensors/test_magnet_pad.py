@@ -19,7 +19,7 @@ from tactile_ros.sensors.magnet_pad.body_model import (
     touches_at,
 )
 from tactile_ros.sensors.magnet_pad.estimation import SLOPE_SIGMA, ThermalDrift
-from tactile_ros.types import ContactStates, Frame, FrameStatus, Recording, TaxelStatus
+from tactile_ros.types import ContactStates, Frame, FrameStatus, Recording
 
 pytest.importorskip('magpylib')
 reference = import_module('reference.magnet_pad_world')
@@ -448,40 +448,6 @@ def test_noise_of_thermometers_moves_no_force() -> None:
     touches, seen = warm(0.0, thermometer=5.0)
     usual = judged(known_warm().process_batch(warm(0.0)[1]), touches)[0]
     assert judged(pipeline.process_batch(seen), touches)[0] < 1.1 * usual
-
-
-def with_chips(seen: Recording, chips: np.ndarray, status: np.ndarray | None = None) -> Recording:
-    return Recording.from_arrays(
-        LAYOUT, seen.values, temperature_c=chips, tare=seen.tare, truth=dict(seen.truth),
-        status=status,
-    )  # fmt: skip
-
-
-def test_implausible_temperature_counts_as_none() -> None:
-    measured, (_, seen) = -273.15, warm(5.0)
-    chips = np.array(seen.temperature_c)
-    chips[REST:, 1] = measured
-    without = np.where(chips == measured, np.nan, chips)
-    found, wanted = (known_warm().process_batch(with_chips(seen, c)) for c in (chips, without))
-    np.testing.assert_array_equal(found.force, wanted.force)
-
-
-def test_temperature_of_a_dead_taxel_counts_as_none() -> None:
-    rises = []
-    for chip, dead in ((np.nan, 0), (25.0, TaxelStatus.DEAD)):
-        given = []
-        for seen in (warm(0.0, 300, 1, thermometer=1.0)[1], warm(5.0)[1]):
-            chips, bits = np.array(seen.temperature_c), np.zeros((len(seen), 2), np.uint8)
-            chips[:, 1], bits[:, 1] = chip, dead
-            given.append(with_chips(seen, chips, bits))
-        pipeline = SPEC.pipeline(estimator='grid_knn').fit(given[0])
-        drift = pipeline.estimation.drift_
-        assert drift.thermometer_ == pytest.approx(1.0, rel=0.2)
-        drift.thermometer_ = 0.0
-        read = pipeline._readings(given[1].values, given[1].status, pipeline.rest_.dead)
-        conditioned = pipeline._condition_rows(given[1], *read)
-        rises.append(drift.rise(conditioned.rest_temperature_c, conditioned.temperature_c)[REST:])
-    np.testing.assert_allclose(rises, 5.0, atol=0.1)
 
 
 def test_tare_brings_its_temperature_live_in_a_file_and_in_a_bag(tmp_path: Path) -> None:

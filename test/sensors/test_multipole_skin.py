@@ -136,15 +136,6 @@ def test_a_press_below_five_sigma_is_not_named(trial: Trial) -> None:
     assert (trial.pipeline.process_batch(faint).label == -1).all()
 
 
-def test_depth_changes_the_pattern_not_only_its_size(trial: Trial) -> None:
-    # hard case 18: templates of one depth, scaled, do not fit another
-    bank = trial.pipeline.estimation.recogniser_.search.bank  # type: ignore[attr-defined]
-    parts = bank.at(np.array([0]), np.array([[0.0, 4e-3, 0.3]]))[0, 0]
-    shallow, deep = (a ** np.arange(1, 4) @ parts for a in (1e-4, 1e-3))
-    cosine = shallow @ deep / np.linalg.norm(shallow) / np.linalg.norm(deep)
-    assert 0.9 < cosine < 0.998
-
-
 def test_a_search_is_bounded_and_has_the_same_starts_alone_and_among_others(trial: Trial) -> None:
     # hard case 18: a scale without limits would let any pattern fit
     search = trial.pipeline.estimation.recogniser_.search  # type: ignore[attr-defined]

@@ -40,12 +40,6 @@ def test_tare_rows_and_stamps_that_lack_are_named(key: str, tmp_path: Path) -> N
     assert load_sensor(key).load(tmp_path / 'c.npz').report == pipeline.report
 
 
-def test_before_a_fit_nothing_is_said() -> None:
-    for key in ('taxel_array', 'five_wire_skin'):
-        report = load_sensor(key).pipeline().report
-        assert not [name for name in report if name.startswith('not learned: ')]
-
-
 def sheet(places: np.ndarray, loads: np.ndarray) -> Recording:
     """Independent touches of linear potentials, and as many rests."""
     x, y = (places / 0.1).T

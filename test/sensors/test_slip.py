@@ -6,9 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-import pytest
 
-from tactile_ros.control import GripConfig, GripForce, GripInput
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import ContactStates, Frame, Recording
@@ -111,29 +109,3 @@ def test_too_few_sequences_teach_nothing() -> None:
     assert pipeline.estimators == {}
     assert 'usable rows with slip, which was not learned' in pipeline.report['left_out']
     assert (pipeline.process_batch(recording).slip == -1).all()
-
-
-@pytest.mark.parametrize(('pull', 'raises'), [(0, True), (60, False)])
-def test_a_recorded_pull_raises_the_grip(pull: int, raises: bool) -> None:
-    """A held object at 2 N whose finger feels the recording: the target rises with its slip."""
-    fold = int(fold_of(np.array(pull)))
-    states = fitted(fold)[2]
-    first = np.flatnonzero(fold_of(np.arange(PULLS)) == fold)[0]
-    felt = by_pull(states.slip)[pull - first]
-    law = GripForce(GripConfig(), (0,))
-    law.enable()
-    law.grasp(2.0, held=True)
-    closure = 0.3
-    targets = []
-    for slip in felt:
-        force = max(60.0 * (closure - 0.3), 0.0) + 0.2
-        given = GripInput(
-            np.array([force]), np.array([np.nan]), np.array([True]),
-            np.array([slip], np.int8), np.zeros(1), np.array([closure]), 0.0,
-        )  # fmt: skip
-        made = law.step(given, 0.01)
-        closure = float(made.closure[0])
-        targets.append(float(made.target_force[0]))
-    held = targets[50]
-    assert held == pytest.approx(2.0)
-    assert (targets[-1] > 1.2 * held) == raises

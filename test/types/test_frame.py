@@ -4,22 +4,7 @@
 import numpy as np
 import pytest
 
-from tactile_ros.types import Frame, Layout, Outline, as_shape
-
-
-@pytest.mark.parametrize('value', ['far', [[1, 2], [3]], [object()], {'a': 1}])
-def test_what_is_no_number_is_refused(value: object) -> None:
-    with pytest.raises(ValueError, match=r'^positions of X must be numbers; received ') as refused:
-        as_shape('positions of X', value, (-1, 3))
-    assert refused.value.__cause__ is not None
-
-
-def test_as_shape_names_what_is_wrong() -> None:
-    assert as_shape('x', [[1, 2]], (-1, 2)).dtype == np.float64
-    with pytest.raises(ValueError, match=r'^x must have shape \(any, 3\); received \(1, 2\)$'):
-        as_shape('x', [[1, 2]], (-1, 3))
-    with pytest.raises(ValueError, match=r'received \(2,\)'):
-        as_shape('x', [1, 2], (-1, 2))
+from tactile_ros.types import Frame, Layout, Outline
 
 
 def test_a_layout_says_what_it_is() -> None:
