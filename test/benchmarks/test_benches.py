@@ -1,7 +1,9 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Parts of benches by themselves: seeds in time, the neighbours of [2], drivers' speed, plots."""
+"""Parts of benches by themselves: seeds, neighbours, speed, plots, the independent world."""
 
+import math
 import os
+import sys
 import xml.etree.ElementTree as ET
 from collections import Counter
 from itertools import count
@@ -11,8 +13,11 @@ import pytest
 
 from benchmarks.harness import plots
 from benchmarks.harness.driver_speed import bus_rows, decoding_rows, memory_rows
+from benchmarks.harness.independent import figure, independent_rows, tasks
 from benchmarks.harness.live import resident_kib
 from benchmarks.harness.rows import within
+from benchmarks.independent import five_wire_skin as judge
+from benchmarks.independent.recordings import Task
 from benchmarks.magnet_pad import CellKnn
 
 
@@ -83,3 +88,35 @@ def test_maps_of_a_pad_are_drawn() -> None:
     for text in (share, error):
         assert ET.fromstring(text).tag.endswith('svg')
         assert len(text) < 100_000
+
+
+def test_quick_benches_leave_slow_tasks_out_and_unanswered_ones_are_missed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def unanswered() -> float:
+        return float(judge.answered(np.full((100, 3), np.nan)).mean())
+
+    def answered() -> float:
+        sys.stdout.write('told')
+        return 0.2
+
+    asked = (
+        Task('sheet_position', 'place', 'mm', 0.05, None, unanswered),
+        Task('sheet_touch_min', 'found', '%', 99, None, unanswered),
+        Task('sheet_force', 'force', 'N', 0.31, 0.13, answered),
+        Task('sheet_squares', 'squares', 'N', 1, None, answered, slow=True),
+    )
+    monkeypatch.setattr(judge, 'TASKS', asked)
+    place, found, force = independent_rows('five_wire_skin', 'quick')
+    assert (place.ours, found.ours, force.ours) == (math.inf, -math.inf, 0.2)
+    assert (place.held, found.held, force.held) == (False, False, True)
+    assert (force.what, force.bound, force.aim) == ('independent world: force', 0.13, 0.31)
+    said = capsys.readouterr()
+    assert not said.out
+    assert 'only 0.0 %' in said.err
+    assert 'told' in said.err
+
+
+def test_a_figure_comes_through_the_public_face() -> None:
+    (task,) = (task for task in tasks('magnet_pad') if task.name == 'pad_nominal')
+    assert figure(task) <= task.limit

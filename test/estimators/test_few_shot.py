@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Classes from few presses: depth, means of several, nuisances, and the choice of a metric."""
+"""Classes from few presses, prototypes, templates, and what the best head leaves of a press."""
 
 from dataclasses import replace
 
@@ -16,6 +16,9 @@ from tactile_ros.estimators.few_shot import (
     share_of,
     support_scores,
 )
+from tactile_ros.estimators.press_search import shape_misfits
+from tactile_ros.estimators.press_templates import template_rows
+from tactile_ros.estimators.prototypes import Prototypes
 
 D = 24
 NOISE = np.full(D, 3e-6)
@@ -120,3 +123,64 @@ def test_a_metric_that_loses_to_prototypes_is_not_chosen(monkeypatch: pytest.Mon
 
 def test_presses_of_which_none_repeats_choose_nothing() -> None:
     assert choose_metric(supports(drawn(4), [0, 1, 2, 3]), NOISE, COMMON, 1e-6) == (Metric(), {})
+
+
+def test_the_nearest_mean_wins_not_the_farthest() -> None:
+    # eq. (3) as printed is a softmax of +d
+    features = np.array([[0.0, 0.0], [2.0, 0.0], [10.0, 10.0]])
+    found = Prototypes().fit(features, np.array([0, 0, 1]))
+    np.testing.assert_array_equal(found.means_, [[1.0, 0.0], [10.0, 10.0]])
+    assert found.predict(np.array([[2.0, 1.0], [8.0, 8.0]])).tolist() == [0, 1]
+
+
+def test_sums_of_hundreds_of_squares_do_not_underflow() -> None:
+    rng = np.random.default_rng(0)
+    means = 30 * rng.normal(size=(5, 320))
+    assert np.exp(-np.square(means[0] - means[1]).sum()) == 0.0
+    found = Prototypes().fit(means, np.arange(5))
+    asked = means + 5 * rng.normal(size=means.shape)
+    logarithm = found.log_probability(asked)
+    assert np.isfinite(logarithm).all()
+    np.testing.assert_allclose(np.exp(logarithm).sum(axis=1), 1.0)
+    assert found.predict(asked).tolist() == list(range(5))
+
+
+def test_template_rows_at_a_node_are_the_cubic_spline_of_its_neighbours() -> None:
+    half, turns, width = 3, 5, 12
+    sides = 2 * half + 1
+    flat = np.random.default_rng(6).normal(size=(turns * sides * sides, width)).astype(np.float32)
+    grid, about = np.array([1e-3, 2e-3, half, half], float), np.array([0.0, turns / 2.0, turns])
+    work, parts = np.empty((3, width), np.float32), np.empty((4, width), np.float32)
+    pose = np.array([1e-3, -2e-3, 2 * 2.0 / turns, 0.0])
+    template_rows(flat, grid, about, pose, work, parts)
+    table = flat.reshape(turns, sides, sides, width).astype(float)
+    near = table[1:4, 3:6, 1:4]
+    knot = np.array([1.0, 4.0, 1.0]) / 6.0
+    np.testing.assert_allclose(
+        parts[0], np.einsum('i,j,k,ijkd->d', knot, knot, knot, near), 1e-5, 1e-6
+    )
+
+
+HEADS, READINGS = 4, 40
+DRAWN = np.random.default_rng(3)
+FITTED = 15 * DRAWN.normal(size=(HEADS, READINGS))
+SLOPES = DRAWN.normal(size=(4, READINGS)) * np.array([[100.0], [100.0], [0.0], [9.0]])
+
+
+def misfits(miss: np.ndarray) -> np.ndarray:
+    """Of presses (n, d) whose best head is the first one; it is round: no slope with its turn."""
+    n = len(miss)
+    slopes, away = np.tile(SLOPES, (n, 1, 1)), np.tile(FITTED - FITTED[0], (n, 1, 1))
+    return shape_misfits(miss, slopes, away)
+
+
+def test_noise_is_about_one_and_a_shape_between_two_heads_is_far_more() -> None:
+    noise = DRAWN.normal(size=(400, READINGS))
+    alone = misfits(noise)
+    assert 0.9 < alone.mean() < 1.1
+    aside = np.array([[0.5, -0.3, 0.0, 0.4]]) @ SLOPES  # aside or deeper is no other shape
+    assert misfits(aside)[0] < 0.05
+    other = np.zeros((1, 1, READINGS))  # nor is there one where there is no other head
+    assert shape_misfits(noise[:1], SLOPES[None], other).tolist() == [1.0]
+    between = noise + 0.2 * (FITTED[2] - FITTED[0])
+    assert np.median(misfits(between)) > np.quantile(alone, 0.95)

@@ -1,10 +1,19 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Kernel ridge and perceptrons against their plain definitions."""
+"""Regressions against their plain definitions, and the methods of the papers."""
 
 import numpy as np
 import pytest
 
+from benchmarks.gradiometer import HuberPolynomial
 from tactile_ros.estimators import regression
+from tactile_ros.estimators.grid_knn import GridKnn
+from tactile_ros.estimators.polynomial_force import (
+    PolynomialForce,
+    ThermalPolynomial,
+    gradient_field,
+    products,
+)
+from tactile_ros.estimators.rbf_force import RbfForce, k_means
 from tactile_ros.estimators.regression import (
     KernelRidge,
     Perceptron,
@@ -119,3 +128,120 @@ def test_pattern_sees_direction_and_length() -> None:
         net = Perceptron(members=2, width=16, epochs=60, pattern=pattern).fit(x[:400], y[:400])
         errors[pattern] = np.linalg.norm(net.predict(x[400:]) - y[400:], axis=1).mean()
     assert errors[True] < 0.5 * errors[False]
+
+
+def test_small_differences_of_large_fields_are_told() -> None:
+    # |a|^2 - 2 a b + |b|^2 in singles gives -128 for 9 between vectors of 40 mT
+    rng = np.random.default_rng(0)
+    field = 40e-3 * np.sign(rng.normal(size=60))
+    known = field + 3e-6 * rng.normal(size=(50, 60))
+    named = np.eye(50)
+    found = GridKnn(neighbours=1).fit(known, named).predict(known + 0.3e-6)
+    np.testing.assert_array_equal(found.argmax(axis=1), np.arange(50))
+    single = known.astype(np.float32)
+    expanded = (single**2).sum(axis=1)[:, None] - 2 * single @ single.T + (single**2).sum(axis=1)
+    assert (expanded < 0).any()
+
+
+def test_of_samples_as_near_the_first_in_order_answers_and_one_that_is_met_is_not_nan() -> None:
+    x = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    y = np.array([[10.0], [20.0], [30.0], [40.0]])
+    for order in (np.arange(4), np.arange(4)[::-1]):
+        model = GridKnn(neighbours=2).fit(x[order], y[order])
+        middle = model.predict(np.zeros((1, 2)))
+        first = GridKnn(neighbours=2).fit(x, y).predict(np.zeros((1, 2)))
+        np.testing.assert_allclose(middle, first)
+        np.testing.assert_allclose(model.predict(x), y, rtol=0.01)
+
+
+def test_k_means_leaves_out_empty_and_equal_clusters() -> None:
+    points = np.repeat(np.array([[0.0, 0.0], [1.0, 1.0]]), 20, axis=0)
+    assert len(k_means(points, 8, seed=0)) == 2
+    x = np.column_stack([points, points[:, :1]])
+    found = RbfForce().fit(x, points[:, :1])
+    np.testing.assert_allclose(found.predict(x), points[:, :1], atol=1e-6)
+
+
+def test_more_nodes_until_the_target_is_met() -> None:
+    x = np.random.default_rng(3).uniform(size=(300, 1))
+    coarse = RbfForce(target=0.05).fit(x, np.sin(9 * x))
+    fine = RbfForce(target=1e-5).fit(x, np.sin(9 * x))
+    assert len(coarse.centres_) < len(fine.centres_)
+
+
+def test_hard_case_5_duplicated_centres_leave_weights_small_and_widths_above_zero() -> None:
+    rng = np.random.default_rng(5)
+    few = rng.uniform(size=(20, 2))
+    x = np.repeat(few, 15, axis=0) + 1e-9 * rng.normal(size=(300, 2))
+    y = np.sin(3 * x[:, :1]) + x[:, 1:]
+    found = RbfForce(target=0.0, nodes=(96,)).fit(x, y)
+    assert np.abs(found.weights_).max() < 1e3
+    assert np.abs(found.predict(x) - y).max() < 0.05
+    one = RbfForce(nodes=(1,)).fit(x, y)
+    same = RbfForce().fit(np.ones((12, 2)), y[:12])
+    for network in (one, same):
+        assert network.width_ > 0
+        assert np.isfinite(network.predict(x)).all()
+
+
+def test_the_width_is_that_of_equation_7() -> None:
+    x = np.random.default_rng(6).uniform(size=(200, 3))
+    found = RbfForce(nodes=(16,)).fit(x, x[:, :1])
+    apart = np.linalg.norm(found.centres_[:, None] - found.centres_, axis=2).max()
+    assert found.width_ == pytest.approx(apart / np.sqrt(2 * len(found.centres_)))
+
+
+def fields(rows: int, seed: int = 0) -> np.ndarray:
+    return 1e-2 * np.random.default_rng(seed).normal(size=(rows, 8))
+
+
+def test_case_1_features_are_91_of_rank_61_beside_the_constant() -> None:
+    raw = products(gradient_field(fields(600)) / 1e-2)
+    assert raw.shape[1] == 91
+    assert np.linalg.matrix_rank(raw[:, 1:] - raw[:, 1:].mean(axis=0), tol=1e-6) == 61
+
+
+def test_case_1_a_standardised_constant_and_single_precision_spoil_plain_weights() -> None:
+    x = fields(600)
+    y = 100 * (x[:, :1] - x[:, 2:3])
+    raw = products(gradient_field(x) / 1e-2)
+    spread = raw.std(axis=0)
+    terms = (raw - raw.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
+    assert not terms[:, 0].any()  # the constant: a column of zeros
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.solve(terms.T @ terms, terms.T @ y)
+    coarse, told = terms[:, 1:].astype(np.float32), y.astype(np.float32)
+    weights = np.linalg.solve(coarse.T @ coarse, coarse.T @ told)
+    plain = np.abs(terms[:, 1:] @ weights - y).max()
+    ours = np.abs(PolynomialForce().fit(x, y).predict(x) - y).max()
+    assert ours < 1e-9
+    assert np.abs(PolynomialForce().fit(x, y).weights_).max() < 10
+    assert plain > 1e4 * ours
+
+
+def test_huber_bears_outliers_and_silence_gives_no_nan() -> None:
+    x = fields(400)
+    clean = 100 * (x[:, :1] - x[:, 2:3])
+    spoilt = clean.copy()
+    spoilt[::20] += 50.0
+    error = [
+        np.abs(chain.fit(x, spoilt).predict(x) - clean).mean()
+        for chain in (PolynomialForce(), HuberPolynomial())
+    ]
+    assert error[1] < 0.2 * error[0]
+    assert np.isfinite(PolynomialForce().fit(x, clean).predict(np.zeros((2, 8)))).all()
+
+
+def test_alpha_of_the_chain_is_found_and_a_common_beta_changes_nothing() -> None:
+    """Hard case 17: a beta that is equal for all pixels is removed with their mean."""
+    rng = np.random.default_rng(1)
+    field, heat = rng.normal(size=(400, 8)), rng.uniform(-1, 1, (400, 1))
+    target = field[:, :1] - field[:, 2:3] + (field[:, 1:2] - field[:, 3:4]) ** 2
+    read = field / (1 + 0.1 * heat)
+    beta = 0.3 * heat * np.ones(8)
+    chains = [ThermalPolynomial().fit(np.hstack([x, heat]), target) for x in (read, read + beta)]
+    assert chains[0].alpha_ == pytest.approx(0.1, abs=5e-3)
+    said = [
+        c.predict(np.hstack([x, heat])) for c, x in zip(chains, (read, read + beta), strict=True)
+    ]
+    assert np.abs(said[0] - target).max() < 0.05 * target.std()

@@ -1,18 +1,23 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Specimens of the multipole skin: their physics, their flaws, and what they are asked for."""
+"""The multipole skin's specimens and lesson, and the groups of its fit."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from benchmarks.worlds import multipole_fidelity
 from reference import multipole_world as world
+from tactile_ros.estimators.few_shot import Presses
 from tactile_ros.sensors import load_sensor
+from tactile_ros.sensors.multipole_skin import twin
 from tactile_ros.sensors.multipole_skin.config import nine_heads
-from tactile_ros.sensors.multipole_skin.press_fit import drawn_skin
+from tactile_ros.sensors.multipole_skin.press_fit import FOLDS, Labels, class_heads, drawn_skin
+from tactile_ros.sensors.multipole_skin.recogniser import Recogniser
 from tactile_ros.sensors.multipole_skin.specimen import NONE, Flaws, Specimen
 from tactile_ros.sensors.multipole_skin.twin import NOISE
+from tactile_ros.types import Recording
 
 CONFIG = load_sensor('multipole_skin').config()
 WHOLE = Specimen(CONFIG, NONE)  # type: ignore[arg-type]
@@ -98,3 +103,106 @@ def test_one_without_flaws_is_as_drawn_and_magnets_that_turn_read_otherwise() ->
     turning = Specimen(CONFIG, replace(NONE, turning=1.0))  # type: ignore[arg-type]
     soft = turning.terms(head, pose)[0]
     assert np.abs(deep[0] - soft).max() > 0.05 * np.abs(deep[0]).max()
+
+
+SPEC = load_sensor('multipole_skin')
+HEADS = len(SPEC.config().objects)  # type: ignore[attr-defined]
+
+
+@pytest.fixture(scope='module')
+def played() -> Recording:
+    """One known head and the new one, since each costs a second."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(twin, 'KNOWN', 1)
+        return twin.new_head(SPEC.config(), seed=3, noise=0.0)  # type: ignore[arg-type]
+
+
+def of_presses(recording: Recording, name: str) -> np.ndarray:
+    """Truth of each press."""
+    column = recording.truth[name]
+    touched = recording.truth['in_contact'] == 1
+    numbers = recording.truth['repetition'][touched]
+    return np.array([column[touched][numbers == i][0] for i in range(numbers.max() + 1)])
+
+
+def test_known_heads_press_then_the_new_one_then_all(played: Recording) -> None:
+    lesson, labels = SPEC.lesson, of_presses(played, 'label')
+    assert (lesson.label, lesson.presses) == (twin.NEW.name, twin.SHOTS)
+    assert twin.NEW.name not in [head.name for head in SPEC.config().objects]  # type: ignore[attr-defined]
+    assert twin.SHOTS < twin.TAUGHT
+    taught = slice(twin.BEFORE, twin.BEFORE + twin.TAUGHT)
+    assert (labels[taught] == HEADS).all()
+    assert (labels[: twin.BEFORE] < HEADS).all()
+    late = labels[twin.BEFORE + twin.TAUGHT :]
+    assert len(late) == twin.AFTER
+    assert set(late) == {labels[0], HEADS}
+    place = of_presses(played, 'position')[:, :2]
+    new = labels == HEADS
+    assert np.ptp(place[new], axis=0).max() < 10 * twin.RETURNS[0]
+    assert np.ptp(place[~new], axis=0).min() > twin.SPAN
+
+
+def test_readings_grow_with_depth_and_return_to_rest(played: Recording) -> None:
+    change = np.abs(played.values - played.values[0]).max(axis=(1, 2))
+    touched = played.truth['in_contact'] == 1
+    assert change[~touched].max() < 0.1 * change.max()
+    force = played.truth['force'][:, 2]
+    assert 1 < np.nanmax(force) < 12
+    one = touched & (played.truth['repetition'] == 0)
+    assert np.corrcoef(change[one], force[one])[0, 1] > 0.99
+
+
+PLACES = np.repeat(1e-3 * np.array([[0, 0], [5, 0], [0, 5], [5, 5], [9, 9], [-9, 9.0]]), 6, axis=0)
+COUNT = len(PLACES)
+POSES = np.array([[4e-3, 6e-3, 0.1], [-8e-3, 3e-3, 0.5]])
+
+
+def labels(place: np.ndarray, number: np.ndarray, group: np.ndarray | None = None) -> Labels:
+    place = np.column_stack([place, np.zeros(COUNT)])
+    group = np.zeros(COUNT, np.int64) if group is None else group
+    return Labels(np.arange(COUNT) % 3, place, np.zeros(COUNT), group, number)
+
+
+def test_folds_hold_places_presses_or_groups_out_together() -> None:
+    # hard case 8: presses of one place in both parts are told by their place
+    number, group, unknown = np.arange(COUNT), np.arange(COUNT) // 4, np.full_like(PLACES, np.nan)
+    for some, kept in (
+        (labels(PLACES, number), PLACES @ [1e3, 1e6]),
+        (labels(PLACES + 1e-3 * (number % 2)[:, None], number // 2), number // 2),  # heads rolled
+        (labels(unknown, number, group), group),
+    ):
+        for fold in range(FOLDS):
+            out = some.folds == fold
+            assert not set(kept[out]) & set(kept[~out])
+            assert out.any()
+
+
+def test_class_heads_explain_all_presses_of_a_class() -> None:
+    matches = SimpleNamespace(cost=np.array([[3.0, 4, 9], [8, 2, 9], [5, 6, 1], [1, 5, 2]]))
+    found = class_heads(matches, np.array([4, 4, 7, 7]))  # type: ignore[arg-type]
+    assert found.tolist() == [1, 1, 2, 2]
+
+
+@pytest.fixture(scope='module')
+def recogniser() -> Recogniser:
+    drawn = drawn_skin(CONFIG)  # type: ignore[arg-type]
+    heads = CONFIG.objects[:2]  # type: ignore[attr-defined]
+    found = Recogniser(drawn, heads, np.full(drawn.chips.size, 1e-6), drawn.common)
+    found.turnings = (1.0,)
+    return found
+
+
+@pytest.mark.parametrize('turning', [0.0, 1.0])
+def test_magnets_may_turn_with_the_body_or_not_where_no_press_told(
+    recogniser: Recogniser, turning: float
+) -> None:
+    skin = Recogniser(
+        replace(recogniser.model, turning=turning), recogniser.outlines, recogniser.noise,
+        recogniser.common,
+    )  # fmt: skip
+    parts = skin.search.bank.at(np.array([0, 1]), POSES)[:, 0]
+    patterns = np.einsum('p,npd->nd', 4e-4 ** np.arange(1, 4), parts)
+    answers = recogniser.answer(Presses(patterns, np.full(2, 10.0)))
+    assert answers.label.tolist() == [0, 1]
+    away = np.linalg.norm(answers.pose[:, :2] - POSES[:, :2], axis=1)
+    assert away.max() < 0.3e-3

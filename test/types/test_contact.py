@@ -1,10 +1,20 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""States know every attribute of the public face, with the shape and the kind that it says."""
+"""Types at their doors: layouts, frames, limits, tables, and states with every attribute."""
 
 import numpy as np
 import pytest
 
-from tactile_ros.types import STATE_FIELDS, ContactStates, field_shape
+from tactile_ros.types import (
+    STATE_FIELDS,
+    ContactStates,
+    Frame,
+    GripCommand,
+    JointLimits,
+    Layout,
+    Outline,
+    Table,
+    field_shape,
+)
 
 TAXELS = 4
 
@@ -76,3 +86,72 @@ def test_states_are_plain_numbers_by_name_and_short_in_print() -> None:
     assert plain['label'] == -1
     assert repr(states) == 'ContactStates(2 frames, 1 in contact, 0 valid; estimated: force)'
     assert repr(states[0]).startswith('ContactState(in contact; force [')
+
+
+GOOD = {'lower': [0.0, -1.0], 'upper': [1.0, 1.0], 'velocity': [2.0, 2.0], 'effort': [1.0, np.inf]}
+
+
+def test_limits_are_arrays_and_an_effort_may_be_unknown() -> None:
+    limits = JointLimits(**GOOD)
+    assert limits.upper.dtype == np.float64
+    assert np.isinf(limits.effort[1])
+    command = GripCommand(7, limits.lower, np.full(2, np.nan))
+    assert (command.stamp_ns, command.position.tolist()) == (7, [0.0, -1.0])
+
+
+@pytest.mark.parametrize(
+    ('change', 'sentence'),
+    [
+        ({'upper': [1.0]}, r'upper of JointLimits must have shape \(2,\)'),
+        ({'lower': [0.0, np.nan]}, 'lower and upper of JointLimits must be finite'),
+        ({'upper': [np.inf, 1.0]}, 'lower and upper of JointLimits must be finite'),
+        ({'lower': [0.0, 1.0]}, r'must be below upper; received 1\.0 and 1\.0 for joint 1'),
+        ({'velocity': [2.0, 0.0]}, 'velocity of JointLimits must be above 0'),
+        ({'velocity': [2.0, np.inf]}, 'velocity of JointLimits must be above 0'),
+        ({'effort': [np.nan, 1.0]}, 'effort of JointLimits must be above 0'),
+    ],
+)
+def test_limits_that_cannot_be_are_one_sentence(
+    change: dict[str, list[float]], sentence: str
+) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        JointLimits(**{**GOOD, **change})
+
+
+def test_rows_have_a_cell_for_each_column() -> None:
+    Table('t', ('a', 'b'), ((1.0, None), ('x', 2)))
+    with pytest.raises(ValueError, match="rows of 't' must have 2 cells"):
+        Table('t', ('a', 'b'), ((1.0,),))
+
+
+def test_a_layout_says_what_it_is() -> None:
+    layout = Layout(np.zeros((5, 3)), ('Bx', 'By', 'Bz'), 'T')
+    assert layout.shape == (5, 3)
+    np.testing.assert_array_equal(layout.saturation, [np.inf] * 3)
+    clipped = Layout(np.zeros((5, 3)), ('Bx', 'By', 'Bz'), 'T', saturation=np.array([1.0, 2, 3]))
+    np.testing.assert_array_equal(clipped.saturation, [1, 2, 3])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ('positions', 'rotations'),
+    [(np.zeros((5, 2)), None), (np.zeros(3), None), (np.zeros((5, 3)), np.zeros((4, 3, 3)))],
+)
+def test_a_layout_refuses_other_shapes(positions: np.ndarray, rotations: np.ndarray) -> None:
+    with pytest.raises(ValueError, match='of Layout must have shape'):
+        Layout(positions, ('Bx', 'By', 'Bz'), 'T', rotations=rotations)
+
+
+def test_loops_of_an_outline_are_plane() -> None:
+    disc = Outline('disc', (np.zeros((3, 2)),))
+    assert disc.name == 'disc'
+    assert disc.loops[0].shape == (3, 2)
+    with pytest.raises(ValueError, match='a loop of Outline disc'):
+        Outline('disc', (np.zeros((3, 3)),))
+
+
+def test_a_frame_is_a_table() -> None:
+    with pytest.raises(ValueError, match=r'values of Frame must have shape \(t, c\)'):
+        Frame(0, 0, np.zeros(15))
+    frame = Frame(None, 3, np.zeros((5, 3)))
+    assert frame.temperature_c is None
+    assert frame.status is None
