@@ -318,7 +318,7 @@ def _accuracy(mean: dict[str, float], each: dict[str, tuple[float, ...]]) -> lis
             peer=mean['curve16']),
         Row('presses with creep, 49 places, rms (peer: without its model)', 'N', mean['crept'],
             peer=mean['uncrept']),
-        Row('air gap: lightest force felt', 'N', mean['lightest']),
+        Row('air gap: lightest force detected', 'N', mean['lightest']),
         Row('non-linearity, 16 squares (peer: before)', '%', mean['bent'], paper=4.5,
             peer=mean['raw_bent']),
         Row('relative std, 16 squares (peer: before)', '%', mean['uneven'], paper=8.6,

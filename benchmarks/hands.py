@@ -74,7 +74,7 @@ def _reach_rows(seeds: list[int]) -> list[Row]:
                     error.append(100.0 * max(early, one.errors()))
             what = f'{name}, {force:g} N'
             rows += [
-                _row(f'{what}: held, or said why not', '1', said, 1.0, 'high'),
+                _row(f'{what}: held, or the reason named', '1', said, 1.0, 'high'),
                 _row(f'{what}: held', '1', [len(held) / len(seeds)], None, 'high'),
                 _row(f'{what}: first touch', 's', touch, 2.0),
                 _row(f'{what}: time to HELD', 's', held, 4.0),

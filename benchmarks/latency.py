@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.harness.live import QUIET, processor_s
+from benchmarks.harness.plots import curves
 from benchmarks.harness.rows import BenchResult, Row
 from benchmarks.worlds import grip_rig
 from benchmarks.worlds.grip_rig import Helper, Scene
@@ -34,6 +35,7 @@ STEPS = {'quick': 2_000, 'normal': 20_000, 'full': 50_000}
 WARM_S = 1.5
 PLAIN = "stack, polynomial of the disc's place"
 BINS_MS = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0, np.inf)
+SHOWN_MS = np.linspace(0.0, 20.0, 81)  # of the drawing
 LATE_S = 1e-3  # beyond the aim
 NOTHING = np.full(1, np.nan)
 LAST = 5  # lines of nodes that ended
@@ -126,10 +128,16 @@ def run(extent: str, command: str) -> BenchResult:
     with Helper(grip_rig.difference) as helper:
         apart = float(helper.hear())
     rows += [
-        Row('roads: largest difference of commands', '1', apart, bound=0.0, aim=1e-9),
+        Row('three ways: largest difference of commands', '1', apart, bound=0.0, aim=1e-9),
         step_row(STEPS[extent]),
     ]
-    return BenchResult('latency', command, [0], rows, notes)
+    lines = {
+        what: (SHOWN_MS, 100 * (one.delay <= 1e-3 * SHOWN_MS[:, None]).mean(axis=1))
+        for what, one in runs.items() if 'service' not in what and 'chips' not in what
+    }  # fmt: skip
+    labels = 'delay (ms)', 'frames answered by then (%)'
+    drawings = {'delay': curves(lines, labels, 'From the bytes of a frame to the command')}
+    return BenchResult('latency', command, [0], rows, notes, drawings)
 
 
 def _rows(what: str, run: Run) -> list[Row]:
@@ -160,14 +168,11 @@ def _histogram(run: Run) -> str:
     """Shares of delays up to each of the bins, and what the grip said where it was silent."""
     edges = np.array([0.0, *BINS_MS]) * 1e-3
     counts = np.histogram(run.delay[np.isfinite(run.delay)], edges)[0]
-    told = [
-        f'<= {high:g} ms {100 * count / max(len(run.delay), 1):.2f} %'
-        for high, count in zip(BINS_MS, counts, strict=True)
-        if count
-    ]
+    shares = zip(BINS_MS, 100 * counts / max(len(run.delay), 1), strict=True)
+    bins = [f'<= {high:g} ms {share:.2f} %' for high, share in shares if share]
     said = f'; the nodes said: {run.why}' if run.why else ''
     late = f'{100 * float((run.delay > LATE_S).mean()):.1f} % later than {1e3 * LATE_S:g} ms'
-    return f'{", ".join(told) or "NO COMMAND CAME"}{said}; {late}'
+    return f'{", ".join(bins) or "NO COMMAND CAME"}{said}; {late}'
 
 
 def measure(

@@ -279,24 +279,24 @@ def _coverage(splits: list[Split], fits: list[Pipeline]) -> list[Row]:
 
 
 def _touch(splits: list[Split], fits: list[Pipeline]) -> list[Row]:
-    """Frames without a load told as touch, touches found, and the longest wait for a release."""
+    """False contacts without a load, contacts found, and the longest wait for a release."""
     found: list[tuple[float, float, float]] = []
     for split, pipeline in zip(splits, fits, strict=True):
-        test, told = split.test, pipeline.process_batch(split.test).in_contact == 1
+        test, touched = split.test, pipeline.process_batch(split.test).in_contact == 1
         load = np.abs(test.truth['force'][:, split.columns[0]].astype(float))
         load[test.tare] = np.nan
         calm, firm = load < UNLOADED, load > LEAST_TOUCH
         known = np.flatnonzero(calm | firm)
         begins = known[1:][calm[known[1:]] & firm[known[:-1]]]
-        over = np.append(~told | firm | test.tare, True)
+        over = np.append(~touched | firm | test.tare, True)
         last = [int(begin + np.argmax(over[begin:])) for begin in begins]
         wait = times_of(test)[np.minimum(last, len(test) - 1)] - times_of(test)[begins]
-        found.append((100 * told[calm].mean(), 100 * told[firm].mean(), wait.max()))
+        found.append((100 * touched[calm].mean(), 100 * touched[firm].mean(), wait.max()))
     wrong, right, waits = zip(*found, strict=True)
     name = splits[0].name
     return [
-        Row.mean(f'{name}: told as touch below {UNLOADED:g} N', '%', wrong, aim=1.0),
-        Row.mean(f'{name}: touch found above {LEAST_TOUCH:g} N', '%', right, 'high', aim=99.0),
+        Row.mean(f'{name}: contacts below {UNLOADED:g} N', '%', wrong, aim=1.0),
+        Row.mean(f'{name}: contacts found above {LEAST_TOUCH:g} N', '%', right, 'high', aim=99.0),
         Row(f'{name}: longest wait for a release', 's', max(waits), aim=0.2),
     ]
 

@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""The three roads of one recording: processes over DDS, one process, and offline.
+"""The three ways of one recording: processes over DDS, one process, and offline.
 
 The board's bytes come from a player at 100 Hz. Delay runs from the arrival of a frame's bytes to
 the recorder that heard its contacts; cost is the processor time of the nodes between them.
@@ -27,17 +27,17 @@ RATE_HZ, SPEC = 100, load_sensor('reskin_board')
 
 
 def run(extent: str, command: str) -> BenchResult:
-    """Play the same rows through both live roads, and replay their bags."""
+    """Play the same rows through both live ways, and replay their bags."""
     rows, cores = [], []
     with tempfile.TemporaryDirectory() as name:
         folder, recordings = Path(name), SPEC.recordings()
         SPEC.pipeline().fit(recordings['normal_1']).save(folder / 'calibration.npz')
         save_recording(steady(recordings['normal_2'], SECONDS[extent]), folder / 'rows.npz')
-        for road, stack in (('processes over DDS', False), ('stack, one process', True)):
+        for way, stack in (('processes over DDS', False), ('stack, one process', True)):
             found, spent = _live(folder, stack=stack)
             cores.append(spent)
-            cost = Row(f'{road}: processor, start-up included', 'cores', spent)
-            rows += [*found.rows(road), cost]
+            cost = Row(f'{way}: processor, start-up included', 'cores', spent)
+            rows += [*found.rows(way), cost]
         loaded = load(folder / 'rows.npz').recordings[0]
         offline = replay(loaded, SPEC.load(folder / 'calibration.npz'))
     rows += [
@@ -45,7 +45,7 @@ def run(extent: str, command: str) -> BenchResult:
             us_single=offline.us_single, us_batch=offline.us_batch),
         Row('stack against processes: processor time', 'ratio', cores[1] / cores[0]),
     ]  # fmt: skip
-    return BenchResult('roads', command, [0], rows, [f'{RATE_HZ} Hz, {SECONDS[extent]} s a road'])
+    return BenchResult('roads', command, [0], rows, [f'{RATE_HZ} Hz, {SECONDS[extent]} s a way'])
 
 
 def steady(recording: Recording, seconds: int) -> Recording:

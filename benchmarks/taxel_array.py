@@ -77,8 +77,8 @@ def run(extent: str, command: str) -> BenchResult:
         seeds += [*taxel_skins.SEEDS.values(), taxel_skins.SEED]
         notes += [
             'bound: Cramer and Rao, by differences of a world of fine cells (tubes, jaw)',
-            'trust: on layouts, skins and parts that chose no constant; aims are 5 points, or the '
-            '95 % binomial interval where that is wider',
+            'coverage: on layouts, skins and parts that chose no constant; aims are 5 points or '
+            'the 95 % binomial interval, whichever is wider',
         ]
     rows += independent_rows('taxel_array', extent)
     return BenchResult('taxel_array', command, seeds, rows, notes, drawings)

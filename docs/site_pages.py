@@ -47,7 +47,6 @@ LEFT_OUT = re.compile(
     r'\[([^]]+)\]\((CHANGELOG\.rst|QUALITY_DECLARATION\.md|LICENSE|benchmarks/[^)]*)\)'
 )
 LONGEST_DEFAULT = 40  # of a parameter in its table
-FLOORS = re.compile(r'```\n6 .*?```', re.S)
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -93,6 +92,7 @@ def results() -> str:
         'Accuracy, coverage and counts of the quick seeds, by bench; `tactile bench NAME --quick` '
         'prints them. *spread* is the standard deviation over seeds. Times depend on the machine '
         'and stand in the report of a run.',
+        '![Figures over their aims](images/aims.svg)',
     ]
     for path in sorted((ROOT / 'benchmarks' / 'golden').glob('*.json')):
         rows = []
@@ -114,7 +114,11 @@ def results() -> str:
 
 def ros_reference() -> str:
     """Interfaces as their files say them, and the parameters of every node."""
-    parts = ['# Interfaces and parameters', 'All units are SI; arrays are flattened row by row.']
+    parts = [
+        '# Interfaces and parameters',
+        'All units are SI; arrays are flattened row by row.',
+        '![Messages between the nodes](images/messages.svg)',
+    ]
     for folder in ('msg', 'srv', 'action'):
         parts.append(f'## {folder}')
         for path in sorted((ROOT / folder).iterdir()):
@@ -186,7 +190,7 @@ def field_table(*configs: object) -> str:
 
 def api() -> str:
     """Reference of the public classes and functions, from their docstrings."""
-    parts = ['# Python API']
+    parts = ['# Python API', '![Classes and what they give](images/python.svg)']
     for title, names in API.items():
         parts += [f'## {title}', *(f'::: {name}' for name in names)]
     return '\n\n'.join(parts) + '\n'
@@ -196,8 +200,6 @@ def design() -> str:
     """Floors of the house, its folders and their lines beside the budgets."""
     import house
 
-    floors = FLOORS.search((ROOT / 'CONTRIBUTING.md').read_text())
-    assert floors is not None
     rows = [
         (f'`{name}`', house.lines_of(name), budget, ', '.join(modules_of(name)))
         for name, budget in house.BUDGETS.items()
@@ -210,7 +212,7 @@ def design() -> str:
         '## Floors',
         'Imports run downward only; folders of one floor do not import one another. A test '
         'asserts it.',
-        floors[0],
+        '![Floors](images/floors.svg)',
         '## Folders',
         'Lines of Python beside the budget that each folder is to reach; none may grow without a '
         'visible change of the test.',

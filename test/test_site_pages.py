@@ -9,6 +9,7 @@ import pytest
 
 from docs import site_pages
 from docs.count_words import Page, pages, read
+from docs.images import draw_diagrams, draw_measured
 
 ROOT = Path(__file__).parents[1]
 
@@ -27,10 +28,17 @@ def test_site_is_built_without_a_broken_link(tmp_path: Path) -> None:
     assert 'Pipeline.process_batch' in api
 
 
-def test_every_page_is_in_the_navigation(made: dict[str, str]) -> None:
+def test_every_page_is_in_the_navigation_and_has_a_picture(made: dict[str, str]) -> None:
     text = (ROOT / 'mkdocs.yml').read_text()
-    names = {path.name for path in (ROOT / 'docs').glob('*.md')} | set(made)
-    assert [name for name in sorted(names) if f': {name}\n' not in text] == []
+    pages = {path.name: path.read_text() for path in (ROOT / 'docs').glob('*.md')} | made
+    assert [name for name in sorted(pages) if f': {name}\n' not in text] == []
+    assert [name for name, page in pages.items() if '![' not in page] == []
+
+
+def test_pictures_are_those_of_their_scripts() -> None:
+    for name, drawing in (draw_diagrams.DRAWINGS | draw_measured.drawings()).items():
+        path = ROOT / 'docs' / 'images' / f'{name}.svg'
+        assert path.read_text() == drawing, 'the scripts of docs/images draw it anew'
 
 
 def test_reference_has_every_interface_and_parameter(made: dict[str, str]) -> None:

@@ -43,7 +43,7 @@ TITLES = {
     'hands': 'Hands: Allegro by their shipped files',
     'latency': 'Delay and cost of a grip',
     'fidelity': 'Fidelity of the models',
-    'roads': 'Three roads, one number',
+    'roads': 'Live, in one process, offline: one result',
     'replay': 'Replay of bags',
 }  # in this order; others follow by name
 COLUMNS = ('published', 'peer', 'ours', 'bound', 'aim', '', 'µs, one', 'µs, of a batch')

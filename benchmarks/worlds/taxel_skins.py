@@ -210,5 +210,5 @@ def _distances(name: str, error: Array, sigma: Array) -> list[Row]:
             ('the same, worst third of sigma', max(thirds), len(error) // 3),
         ):
             allowed = max(5.0, 196 * np.sqrt(right * (100 - right) / count / 1e4))
-            found.append(Row(f'trust, {name}: {what}', 'points', off, aim=float(allowed)))
+            found.append(Row(f'coverage, {name}: {what}', 'points', off, aim=float(allowed)))
     return found
