@@ -36,8 +36,7 @@ def run(extent: str, command: str) -> BenchResult:
         for way, stack in (('processes over DDS', False), ('stack, one process', True)):
             found, spent = _live(folder, stack=stack)
             cores.append(spent)
-            cost = Row(f'{way}: processor, start-up included', 'cores', spent)
-            rows += [*found.rows(way), cost]
+            rows += [*found.rows(way), Row(f'{way}: processor, with start-up', 'cores', spent)]
         loaded = load(folder / 'rows.npz').recordings[0]
         offline = replay(loaded, SPEC.load(folder / 'calibration.npz'))
     rows += [
