@@ -92,7 +92,7 @@ def judged(pipeline: Pipeline, recording: Recording) -> tuple[ContactStates, Boo
 
 
 def errors(pipeline: Pipeline, recording: Recording) -> Errors:
-    """Errors (s, 5) of the answers and their sigmas, of valid presses; NaN: not told."""
+    """Errors (s, 5) of the answers and their sigmas, of valid presses; NaN: not estimated."""
     states, asked = judged(pipeline, recording)
     error, sigma = [], []
     for name, count in (('force', 3), ('torque', 2)):
@@ -162,7 +162,7 @@ def accuracy(world: World, ours: Pipeline, extent: str) -> list[Row]:
 
 
 def held(world: World, pipeline: Pipeline, place: Array, seed: int) -> Array:
-    """Forces (s, 3) (N) that are told while the disc is held at a place (1, 3)."""
+    """Forces (s, 3) (N) that are estimated while the disc is held at a place (1, 3)."""
     shift = np.concatenate([np.zeros((world.rest, 3)), np.repeat(place, 2000, axis=0)])
     states, asked = judged(pipeline, world.recorded(shift, seed, Scene()))
     return states.force[asked]

@@ -21,19 +21,19 @@ MARKS = (0.15, 0.5, 0.85)  # of a line, where its marks stand
 ARM = 0.04  # m, of a tube: longer than an array
 
 
-def cell_map(cells: Array, shares: Array, told: str) -> str:
+def cell_map(cells: Array, shares: Array, title: str) -> str:
     """Share (n,) (%) of touches of each cell, centres (n, 3) (m), that is named rightly."""
     x, y = MM * cells[:, 0], MM * cells[:, 1]
     wide = _step(x)
     ends = (x.min() - wide / 2, x.max() + wide / 2), (y.min() - wide / 2, y.max() + wide / 2)
-    plot = Plot.plan(*ends, '(mm)', told)
+    plot = Plot.plan(*ends, '(mm)', title)
     kinds = [f's{(np.searchsorted(SHADES, share) - 1) % 6}' for share in shares]
     plot.boxes(x, y, 0.55 * wide, kinds)
     for a, b, share in zip(x, y, shares, strict=True):
         words = '-' if np.isnan(share) else f'{share:.0f}'
         plot.text(float(a), float(b), words, 'middle', shift=24.0)
     shades = zip(['s5', *(f's{i}' for i in range(5))], shade_key(SHADES, '%'), strict=True)
-    return standalone(plot, title=told, key=[(kind, words) for kind, (_, words) in shades])
+    return standalone(plot, title=title, key=[(kind, words) for kind, (_, words) in shades])
 
 
 def _step(x: Array) -> float:
@@ -42,13 +42,13 @@ def _step(x: Array) -> float:
     return float(apart.min()) if len(apart) else 1.0
 
 
-def error_map(places: Array, error: Array, told: str) -> str:
+def error_map(places: Array, error: Array, title: str) -> str:
     """Where places (s, 3) (m) err by error (s,) (m), seen from above."""
     x, y = MM * places[:, 0], MM * places[:, 1]
     along, across = ((float(np.floor(v.min())), float(np.ceil(v.max()))) for v in (x, y))
-    plot = Plot.plan(along, across, '(mm)', told)
+    plot = Plot.plan(along, across, '(mm)', title)
     plot.boxes(x, y, 0.7, [f's{np.searchsorted(STEPS_MM, MM * one)}' for one in error])
-    return standalone(plot, title=told, key=shade_key(STEPS_MM, 'mm'))
+    return standalone(plot, title=title, key=shade_key(STEPS_MM, 'mm'))
 
 
 def taxel_corners(
@@ -83,7 +83,7 @@ def placed(lines: list[Array], pose: Array) -> list[Array]:
 
 
 def object_map(
-    corners: Sequence[Array], pressure: Array, found: list[Array], true: list[Array], told: str
+    corners: Sequence[Array], pressure: Array, found: list[Array], true: list[Array], title: str
 ) -> str:
     """What taxels feel, where an object was found (strong line) and where it lies (thin line).
 
@@ -93,7 +93,7 @@ def object_map(
     every = MM * np.concatenate(list(corners))
     margin = 0.03 * float(np.ptp(every[:, 0]))
     ends = [(float(v.min()) - margin, float(v.max()) + margin) for v in every.T]
-    plot = Plot.plan(ends[0], ends[1], '(mm)', told)
+    plot = Plot.plan(ends[0], ends[1], '(mm)', title)
     top = max(float(np.nanmax(pressure)), 1e-30)
     for shape, value in zip(corners, pressure, strict=True):
         if len(corners) > MANY and not value > PRESSURES[0] * top:
@@ -108,10 +108,10 @@ def object_map(
         for line in lines:
             x, y = MM * line.T
             plot.line(x, y, kind)
-    return standalone(plot, title=told, key=OBJECT_KEY)
+    return standalone(plot, title=title, key=OBJECT_KEY)
 
 
-def curves(lines: Mapping[str, tuple[Array, Array]], labels: tuple[str, str], told: str) -> str:
+def curves(lines: Mapping[str, tuple[Array, Array]], labels: tuple[str, str], title: str) -> str:
     """Lines by name over shared axes; colours and marks along them are those of a key above."""
     x = np.concatenate([x for x, _ in lines.values()])
     y = np.concatenate([y[np.isfinite(y)] for _, y in lines.values()])
@@ -119,7 +119,7 @@ def curves(lines: Mapping[str, tuple[Array, Array]], labels: tuple[str, str], to
     high += KEY * len(lines) * (high - low)
     plot = Plot(
         (float(x.min()), float(x.max())), (low, high), *labels, (520, 320),
-        description=told,
+        description=title,
     )  # fmt: skip
     for i, (name, (u, v)) in enumerate(lines.items()):
         plot.line(u, v, f'line c{i % 5}')
@@ -127,4 +127,4 @@ def curves(lines: Mapping[str, tuple[Array, Array]], labels: tuple[str, str], to
             at = int((share + 0.05 * i) * (len(u) - 1))  # where lines meet, marks stand apart
             plot.mark(float(u[at]), float(v[at]), i, f'fill c{i % 5}')
         plot.text(float(u[0]), None, f'{GLYPHS[i % 4]} {name}', kind=f'key c{i % 5}', row=i)
-    return standalone(plot, title=told)
+    return standalone(plot, title=title)

@@ -161,7 +161,7 @@ def frame_us(
 
 
 def inside(error: Array, sigma: Array, sigmas: float = 1.0) -> list[float]:
-    """Per cent of told errors (s,) inside some sigmas: of all, and of thirds by the sigma (s,)."""
+    """Per cent of finite errors (s,) inside some sigmas: of all, of thirds by the sigma (s,)."""
     told = np.isfinite(error)
     error, sigma = error[told], sigma[told]
     order = np.argsort(sigma, kind='stable')

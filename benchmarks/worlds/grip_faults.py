@@ -284,7 +284,7 @@ class Scene:
 
 
 def fault_rows(extent: str) -> tuple[list[Row], list[str], dict[str, str]]:
-    """Rows of every fault (quick: of the first and of one death, of one hand), told and drawn."""
+    """Rows, notes and drawings of every fault (quick: the first and one death, of one hand)."""
     for name, value in QUIET.items():
         os.environ.setdefault(name, value)
     traces: dict[str, list[Suffered]] = {}

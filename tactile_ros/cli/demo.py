@@ -438,7 +438,7 @@ def outcome(loaded: LoadedRecording, number: int) -> list[str]:
         return []
     label = np.asarray(loaded.recording.truth['label'], np.int64)[live.rows]
     since = stamps[live.rows] > loaded.changes[0].last_ns
-    # the last frame of a window is the one that says a place, or a name where no place is told
+    # the last frame of a window has the place, or the name where no place is estimated
     named = np.isfinite(live.states.position[:, 0]) | (live.states.label >= 0)
     named &= live.states.in_contact == 1
     old, new = named & (label >= 0) & (label != number), named & (label == number)

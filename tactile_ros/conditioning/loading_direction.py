@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Direction of loading: turning points of a load, told apart from noise by a dead band."""
+"""Direction of loading: turning points of a load, separated from noise by a dead band."""
 
 from __future__ import annotations
 

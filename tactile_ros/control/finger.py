@@ -32,7 +32,7 @@ TOO_MUCH = 1.15  # of the target: a drive that presses more where its sensor rea
 AGREES = 0.5  # of a reading that a drive must press with to speak for it
 FILTERED, SLOWEST_FILTER = 0.03, 0.1  # noise after the filter, of the target; s
 ON_SIGMAS, ON_RAW, ON_SHARE, OFF = 5.0, 3.0, 0.3, 1 / 3  # levels of contact
-LEAST_NOISE = 0.5  # of `force_noise`: slips are told from the noise of a loop too
+LEAST_NOISE = 0.5  # of `force_noise`: slips are separated from the noise of a loop too
 RANGE = 3.0  # largest targets beyond which a reading is none
 
 

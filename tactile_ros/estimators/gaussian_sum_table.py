@@ -27,7 +27,7 @@ class Linearised:
 
     readings: Array  # (n, d) of the touches (unit of the features)
     slopes: Array  # (n, d, q) of the readings with freedoms of a touch, in units of their reach
-    answers: Array  # (n, k) what is told of a touch
+    answers: Array  # (n, k) estimate of a touch
     leads: Array  # (n, k, q) how answers change with the freedoms
     sigma: Array  # (n,) what a channel's reading may be wrong by (unit of the features)
     share: Array  # (n,) how common such touches are; sums to 1

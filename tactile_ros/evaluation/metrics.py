@@ -27,7 +27,7 @@ MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what 
 MOST_AHEAD = 0.01  # of contacts that may be heard before the stamps of their frames
 CLASSES = ('cell', 'label', 'in_contact', 'slip')
 ROWS = ('truth', 'estimate', 'error', 'variance', 'rows', 'time_s', 'since_s', 'groups')
-LEAST_TOUCH = 0.1  # N, of a force that must be told as contact
+LEAST_TOUCH = 0.1  # N, of a force that must be reported as contact
 AXES = 'xyz'
 # what truth can judge: unit, state attribute and components; the place counts in the plane
 TARGETS = {
@@ -165,27 +165,27 @@ def class_errors(truth: Columns, states: ContactStates) -> tuple[ClassErrors, ..
 
 @dataclass(frozen=True)
 class ContactErrors:
-    """Contact as it is told in n frames that are known as touched or at rest.
+    """Contact as it is reported in n frames that are known as touched or at rest.
 
     A frame is at rest where truth says so, or a load cell along z tells nothing; it is touched
     where truth says so, places a contact, or tells `LEAST_TOUCH` or more. Tares are in neither.
     """
 
     touched: Bools  # (n,)
-    told: Integers  # (n,) 1 contact, 0 none, -1 not told
+    reported: Integers  # (n,) 1 contact, 0 none, -1 not reported
     force: Array  # (n,) size of the true force (N); NaN: unknown
     estimate: Array  # (n,) size of the estimated force (N); NaN: none
-    release_s: Array  # (m,) from unloading until no contact is told (s)
+    release_s: Array  # (m,) from unloading until no contact is reported (s)
 
     @property
     def contact_at_rest(self) -> float:
         """Share of frames at rest that are called contacts (%); NaN: there are none."""
-        return _percent(self.told[~self.touched] == 1)
+        return _percent(self.reported[~self.touched] == 1)
 
     @property
     def found(self) -> float:
         """Share of firm frames that are called contacts (%); NaN: there are none."""
-        return _percent(self.told[self.firm] == 1)
+        return _percent(self.reported[self.firm] == 1)
 
     @property
     def firm(self) -> Bools:
@@ -194,8 +194,8 @@ class ContactErrors:
 
     @property
     def table(self) -> Array:
-        """Share (2, 2) (%) of frames at rest and touched (rows) told as none and as contact."""
-        return confusion(self.told, self.touched.astype(np.int64), 2)
+        """Share (2, 2) (%) of frames at rest and touched (rows) reported as none and contact."""
+        return confusion(self.reported, self.touched.astype(np.int64), 2)
 
     @classmethod
     def pool(cls, parts: Sequence[ContactErrors]) -> ContactErrors:
@@ -209,32 +209,32 @@ def _percent(hits: Bools) -> float:
 
 def contact_errors(recording: Recording, states: ContactStates) -> ContactErrors | None:
     """Contact of s states beside truth; None where either is unknown in every row."""
-    truth, told = recording.truth, np.asarray(states.in_contact, np.int64)
-    known = np.asarray(truth.get('in_contact', np.full(len(told), -1)), np.int64)
-    force = np.asarray(truth.get('force', np.full((len(told), 3), np.nan)), np.float64)
+    truth, reported = recording.truth, np.asarray(states.in_contact, np.int64)
+    known = np.asarray(truth.get('in_contact', np.full(len(reported), -1)), np.int64)
+    force = np.asarray(truth.get('force', np.full((len(reported), 3), np.nan)), np.float64)
     size, estimate = (
         np.where(np.isfinite(one).any(axis=1), np.sqrt(np.nansum(one**2, axis=1)), np.nan)
         for one in (force, states.force)
     )
-    tare = np.zeros(len(told), bool) if recording.tare is None else recording.tare
+    tare = np.zeros(len(reported), bool) if recording.tare is None else recording.tare
     calm = calm_rows(recording) & np.isfinite(force[:, 2])
     rest = ((known == 0) | ((known < 0) & calm)) & ~tare
     touched = ~rest & ~tare & (touched_rows(recording) | (known == 1) | (size >= LEAST_TOUCH))
     rows = np.flatnonzero(rest | touched)
-    if not len(rows) or (told[rows] < 0).all():
+    if not len(rows) or (reported[rows] < 0).all():
         return None
     true = np.where(touched, 1, np.where(rest | tare, 0, -1))
-    release = _release_times(recording, true, told, tare)
-    return ContactErrors(touched[rows], told[rows], size[rows], estimate[rows], release)
+    release = _release_times(recording, true, reported, tare)
+    return ContactErrors(touched[rows], reported[rows], size[rows], estimate[rows], release)
 
 
-def _release_times(recording: Recording, true: Integers, told: Integers, tare: Bools) -> Array:
-    """Times (m,) from unloading, a tare apart, until no contact is told or the next begins (s)."""
+def _release_times(recording: Recording, true: Integers, reported: Integers, tare: Bools) -> Array:
+    """Times (m,) from unloading, a tare apart, until no contact or the next is reported (s)."""
     time_s, stream = times_of(recording), np.cumsum(recording.restarts)
     rows = np.flatnonzero(true >= 0)
     edges = (true[rows[1:]] != true[rows[:-1]]) & (stream[rows[1:]] == stream[rows[:-1]])
     begins = rows[1:][edges & (true[rows[1:]] == 0) & ~tare[rows[1:]]]
-    over = np.append((told == 0) | (true == 1) | recording.restarts, True)
+    over = np.append((reported == 0) | (true == 1) | recording.restarts, True)
     ends = [int(begin + np.argmax(over[begin:])) for begin in begins.tolist()]
     found = time_s[np.minimum(ends, len(time_s) - 1)] - time_s[begins] if ends else np.zeros(0)
     return np.asarray(found[np.isfinite(found)])

@@ -282,7 +282,7 @@ class Bag:
         return sensor.takers[role]
 
     def _hand_on(self) -> None:
-        """Give truth to the sensors that it is about, as far as the bag has told of sensors."""
+        """Give truth to the sensors that it is about, of those that the bag has named so far."""
         topics = {**self.content.announced, **self.content.types}.items()
         of_frames = (t for t, k in topics if t.endswith('/frame') and k == cdr_columns.FRAME)
         spaces = {topic.rpartition('/')[0] for topic in of_frames}

@@ -57,7 +57,7 @@ class Answer:
     us_single: float = float('nan')  # time of a frame alone (microseconds); NaN: not measured
     us_batch: float = float('nan')  # of one among many
     classes: tuple[metrics.ClassErrors, ...] = ()  # with truth
-    contact: metrics.ContactErrors | None = None  # with truth, and told
+    contact: metrics.ContactErrors | None = None  # with truth and estimates
     untared: Answer | None = None  # of the same frames after the first tare alone
     calibration: str = ''
     frames: int = 0  # processed

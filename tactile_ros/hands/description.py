@@ -207,7 +207,7 @@ class Finger:
         return replace(self, lever=self.lever + bends * np.sign(self.lever) * offset)
 
     def caps(self, force: float) -> Array:
-        """Largest torques (n,) that hold a force at the pad (N); NaN where no lever is told."""
+        """Largest torques (n,) that hold a force at the pad (N); NaN where no lever is stated."""
         return self._least_levers * force + self.free_effort
 
     @cached_property

@@ -138,7 +138,7 @@ class HandJoints:
         self.limiter = JointLimiter(driver.joints, driver.limits, driver.most_offset)
         self._sent: deque[tuple[float, Array]] = deque(maxlen=16)
         count = len(driver.joints)
-        self._gain = np.zeros(count)  # largest torque per lead that efforts told
+        self._gain = np.zeros(count)  # largest torque per lead that efforts showed
         self._full, self._last_lead = np.zeros(count, bool), np.full(count, nan)
         self._clipping, self._carries = np.full(count, inf), np.zeros(count, bool)
         for finger, place in self._drives:
@@ -167,7 +167,7 @@ class HandJoints:
         return self._torqued(effort, len(measured))
 
     def _torqued(self, effort: Array | None, count: int) -> Array:
-        """Angles (j,) that efforts stand for; NaN where none are told."""
+        """Angles (j,) that efforts stand for; NaN where none are reported."""
         lead = np.full(count, nan)
         if effort is None or not effort.any() or not self._scale:
             return lead

@@ -127,7 +127,7 @@ class ContactLoop:
 
     @property
     def is_touching(self) -> bool:
-        """Something touches, as far as can be told."""
+        """True while the last frame is in contact."""
         return self.statistics.in_contact == 1
 
     def set_tare_frames(self, count: int) -> None:

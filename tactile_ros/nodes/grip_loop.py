@@ -167,7 +167,7 @@ class GripLoop:
             self.law.tare(finger)
 
     def take_joints(self, position: Array, measured_s: float, effort: Array | None = None) -> None:
-        """Keep joint positions, and efforts where they are told (j,), of a time (s)."""
+        """Keep joint positions, and efforts where they are reported (j,), of a time (s)."""
         before = self._measured
         self._measured, self._measured_s, self._effort = position, measured_s, effort
         # joints that are the same to the last bit were not measured anew

@@ -179,7 +179,7 @@ class HandLink:
             self._timer = self._client = self._asked = None
 
     def _on_states(self, message: JointState) -> None:
-        """Hand a posture on; what is damaged is told and counts as silence."""
+        """Hand a posture on; what is damaged is reported and counts as silence."""
         try:
             position = drivers.read_joint_states(message, self._driver.joints)
         except ValueError as err:
@@ -482,7 +482,7 @@ class GripNode(ManagedNode):
             self._loop, self._next = self._next, None
             if self._enabled:
                 self._loop.enable()
-        self._grasps.publish_progress()  # how it ended, where that is not told yet
+        self._grasps.publish_progress()  # how it ended, where that is not reported yet
         self._grasps.finish(GraspOutcome.FAULT, 'the grip began anew with its robot_description')
 
     def deactivate(self) -> None:

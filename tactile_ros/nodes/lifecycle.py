@@ -217,7 +217,7 @@ class ManagedNode(LifecycleNode):
     def _publish_diagnostics(self) -> None:
         try:
             status = self.diagnose()
-        except Exception as err:  # what cannot be told must not end the node
+        except Exception as err:  # what cannot be logged must not end the node
             status = DiagnosticStatus(level=DiagnosticStatus.ERROR, name='diagnostics')
             status.message = f'{type(err).__name__}: {err}'
         status.name = f'{self.get_fully_qualified_name().lstrip("/")}: {status.name}'

@@ -42,7 +42,7 @@ MOST_LOST = 5
 
 
 class Stopped(TactileError):
-    """Playing was told to stop."""
+    """Request to stop playing."""
 
 
 class FrameMatcher:

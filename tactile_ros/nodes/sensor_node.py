@@ -30,7 +30,7 @@ from tactile_ros.types import Device, Frame, Layout, TaxelStatus, Twin
 READ_TIMEOUT_S = 0.25
 FIRST_RETRY_S = 0.1
 LONGEST_RETRY_S = 0.5
-REPEAT_S = 10.0  # the same complaint is not told again before
+REPEAT_S = 10.0  # the same failure is not logged again before
 MOST_DISCARDING_S = 0.5
 MOST_FRAMES = 10_000
 AT_ONCE = 0.5  # of a frame's period: what takes less to read was not waited for
@@ -43,7 +43,7 @@ TAXELS = {
     'taxels in error': TaxelStatus.ERROR,
     'stale taxels': TaxelStatus.STALE,
 }
-# always told, also by drivers whose protocol does not have them
+# always reported, also by drivers whose protocol does not have them
 EXPECTED = ('dropped', 'crc_errors', 'framing_errors', 'resets', 'reconnects')
 # growth of these alone is no trouble
 HARMLESS = ('frames', 'not_ready', 'saturated', 'stale', 'repeated', 'missing', 'other_kind')
@@ -253,7 +253,7 @@ class Reader:
         """Read on until a frame has to be waited for."""
         end = time.monotonic() + MOST_DISCARDING_S
         took = 0.0
-        with suppress(Exception):  # a failure is told by the reading that follows
+        with suppress(Exception):  # a failure is reported by the reading that follows
             while took < self._kept_back_s and time.monotonic() < end and not self._stop.is_set():
                 began = time.monotonic()
                 self.device.read(0.0)
@@ -273,7 +273,7 @@ class Reader:
             self._pass_on([replace(frame, dropped=frame.dropped + lost) if lost else frame])
 
     def _pass_on(self, frames: Sequence[Frame]) -> None:
-        """Hand frames on; a failure there is told and costs them alone."""
+        """Hand frames on; a failure there is logged and costs them alone."""
         try:
             self._deliver(frames)
         except Exception as err:  # whatever listens must not end the sensor
@@ -338,7 +338,7 @@ class SensorNode(ManagedNode):
         self._pending_fault = ''
 
     def configure(self) -> None:
-        """Check the parameters and open the device; a missing port is told and tried again."""
+        """Check the parameters and open the device; a missing port is logged and tried again."""
         self._options = options = self.options(SensorOptions)
         self._config = self.options(type(self._config))
         self._connection = self.options(type(self._connection))

@@ -233,7 +233,7 @@ def outline_fields(outline: Outline, radius: float, count: int = 3) -> ObjectFie
 
 @dataclass(frozen=True, eq=False)
 class LearnedFields:
-    """Pressure fields on a square grid in an object's frame, that frames have told."""
+    """Pressure fields on a square grid in an object's frame, estimated from frames."""
 
     pictures: Array  # (k, n, n), rows along y
     half: float  # half the side of the grid (m)

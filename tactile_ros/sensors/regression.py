@@ -616,7 +616,7 @@ LIGHT = 1e-3  # of the largest load: less is none
 
 
 def missing_loads(force: Array) -> Report:
-    """Loads beyond those recorded, from told forces of any shape (N); NaN where unknown."""
+    """Loads beyond those recorded, from estimated forces of any shape (N); NaN where unknown."""
     known = np.nan_to_num(force)
     known = known[known > LIGHT * known.max(initial=0.0)]
     if not len(known):

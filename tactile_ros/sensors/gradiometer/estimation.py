@@ -714,7 +714,7 @@ def rest_noise(signals: Signals, resting: Bools) -> float:
     size = float(np.sqrt(signals.delta[resting].var(axis=0).mean()))
     if signals.stamp_ns is None or len(resting) < FEWEST_RESTING:
         return size
-    # every row of a tare begins a baseline: streams are told apart by their times
+    # every row of a tare begins a baseline: streams are separated by their times
     step = sliding_window_view(np.diff(signals.stamp_ns), 3)
     even = (step.min(axis=1) > 0) & (step.max(axis=1) <= UNEVEN * step.min(axis=1))
     even &= sliding_window_view(resting, 4).all(axis=1)

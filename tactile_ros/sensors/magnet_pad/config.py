@@ -57,7 +57,7 @@ class MagnetPadConfig:
     length: float = number(LENGTH, 'length of the half cylinder', 'm', 1e-4, 1.0)
     shear_modulus: float = number(SHEAR_MODULUS, 'of the soft body', 'Pa', 1e2, 1e9)
     remanence: float = number(1.4, 'of the magnets', 'T', 1e-6, 2.0)
-    # of fields from outside, so much may be left in what is told of a touch
+    # of fields from outside, so much may be left in the estimate of a touch
     gain_spread: float = number(0.02, 'of the gains of the chips', '1', 0.0, 0.5)
     stray_term: bool = switch(True, 'fields from outside are unknown; false: there are none')
 

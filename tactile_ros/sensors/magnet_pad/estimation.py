@@ -441,7 +441,7 @@ class Localisation(Recognition):
 
     @property
     def _centres(self) -> Array:
-        """Centres of cells (n, 3) (m), seen from above where cells are told so."""
+        """Centres of cells (n, 3) (m), seen from above where cells are stated so."""
         return self.config.cells * (np.array([1.0, 1.0, 0.0]) if self.flat_ else 1.0)
 
 
