@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Start the recorder and wait."""
     if options.output.exists():
-        raise ValueError(f'{options.output} exists already; name a folder that does not')
+        raise TactileError(f'{options.output} exists already; name a folder that does not')
     refuse_unwritable(options.output)
     bag = str(options.output.resolve())
     process = Process('record', {'bag': bag}, options.namespace)

@@ -34,7 +34,7 @@ import numpy as np
 
 from tactile_ros.cli import interruptible
 from tactile_ros.cli.console import PATIENCE_S, SHARE, note, refuse_unwritable, working
-from tactile_ros.errors import DeviceTimeout, MissingPackageError, RecordingError
+from tactile_ros.errors import DeviceTimeout, MissingPackageError, RecordingError, TactileError
 from tactile_ros.evaluation.fleet import open_calibration
 from tactile_ros.evaluation.recording_files import LoadedRecording, load
 from tactile_ros.evaluation.replay import failure_problems
@@ -99,7 +99,7 @@ def check_options(options: argparse.Namespace) -> None:
     if options.loop and not options.speed:
         raise ValueError('--loop needs a --speed above 0; received 0')
     if options.mcap and options.mcap.exists():
-        raise ValueError(f'{options.mcap} exists already; name a file that does not')
+        raise TactileError(f'{options.mcap} exists already; name a file that does not')
     if options.mcap:
         refuse_unwritable(options.mcap)
 

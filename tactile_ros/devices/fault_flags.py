@@ -13,6 +13,7 @@ from tactile_ros.types import Array, Bools, Bytes, TaxelStatus, plausible_temper
 
 LEAST_VOTES = 100  # readings
 STUCK_AFTER = 10  # identical readings in a row
+UNCHANGED = 1000  # readings since the start: the noise of no chip hides for so long
 FALSE_ALARM = 1e-6  # probability with which noise alone makes such a run, of all taxels together
 MARGIN = 0.02  # share of the range at its ends that counts as saturated
 JUMP = 0.5  # of the range: the largest change from one reading to the next that is trusted
@@ -33,8 +34,8 @@ class StuckDetector:
     The reading of a taxel is stale where its own repeats before make its run of identical ones
     less probable than `FALSE_ALARM`, and the taxel stuck where these are `STUCK_AFTER` or more. A
     repeat counts only where at least the share `others` of all taxels changed; a taxel that has
-    not changed `least_changes` times yet may rest since the start. Runs of stuck taxels are not
-    learnt.
+    not changed `least_changes` times yet may rest since the start, and where that is 0, it is
+    stuck after `UNCHANGED`. Runs of stuck taxels are not learnt.
 
     Notes
     -----
@@ -114,9 +115,8 @@ class StuckDetector:
             betaln(repeats + self._run, changes) - betaln(repeats, changes),
             self._run * np.log(again / (self._repeats + 1)),
         )
-        return np.asarray(
-            (log < self._log_chance) & (self._changed >= self._least_changes), np.bool_
-        )
+        unlikely = (log < self._log_chance) | ((self._changed == 0) & (self._run >= UNCHANGED))
+        return np.asarray(unlikely & (self._changed >= self._least_changes), np.bool_)
 
 
 class ChipFaultDetector:

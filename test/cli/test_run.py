@@ -89,7 +89,7 @@ def test_record_makes_a_bag_and_says_where_it_is_or_that_nothing_came(
     assert main(['record', '-o', str(empty), '--seconds', '0.1']) == 1
     assert f'{empty} is empty, nothing was received in /:' in capsys.readouterr().err
     assert (empty / 'metadata.yaml').is_file()
-    assert main(['record', '-o', str(empty)]) == 2
+    assert main(['record', '-o', str(empty)]) == 1
     assert 'exists already' in capsys.readouterr().err
     monkeypatch.setattr('tactile_ros.cli.record.refuse_empty', lambda *_: None)
     assert main(['record', '-o', str(bag), '--seconds', '0.1']) == 0

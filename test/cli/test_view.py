@@ -23,7 +23,7 @@ from tactile_ros.sensors import load_sensor
         (['a.npz', '--port=-1'], 2, '--port must be 0 to 65535; received -1'),
         (['a.npz', '--port=65536'], 2, '--port must be 0 to 65535; received 65536'),
         (['a.npz', '--loop', '--speed', '0'], 2, '--loop needs a --speed above 0'),
-        (['a.npz', '--mcap', __file__], 2, 'exists already'),
+        (['a.npz', '--mcap', __file__], 1, 'exists already'),
         (['--sensor', 'no_such'], 2, 'sensor must be one of five_wire_skin, gradiometer'),
         (['no_such'], 1, 'no_such does not exist; name a bag, .npz or .csv'),
         ([__file__], 1, 'is no bag'),

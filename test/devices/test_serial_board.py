@@ -276,6 +276,15 @@ def test_serial_board_refuses_a_temperature_that_cannot_be(celsius: float) -> No
     assert counted['temperatures_refused'] == 10
 
 
+def test_chips_that_never_change_are_stuck_though_nothing_tells_their_noise() -> None:
+    counts = np.repeat(rows_of(CHIPS, 3, 0.0, 1), 1100, axis=0)
+    marks = marks_of(CHIPS, counts)
+    assert not marks[:1000].any()
+    assert (marks[1001:] & STUCK > 0).all()
+    matrix = taxel_matrix(4)  # where nothing touches, that is usual
+    assert not marks_of(matrix, np.repeat(rows_of(matrix, 3, 0.0, 1), 1100, axis=0)).any()
+
+
 def test_serial_board_of_chips_without_power_is_dead() -> None:
     counts = rows_of(CHIPS, 3, 2.0, 20)
     counts[10:] = 0
