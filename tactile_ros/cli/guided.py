@@ -358,7 +358,8 @@ class Judge:
     def __init__(self, make: Callable[[], Pipeline]) -> None:
         self._make, self._thread = make, threading.Thread()
         self.found: HeldOut | None = None
-        self.of = 0  # presses that it was found from
+        self.first: Pipeline | None = None  # which did not see the first quarter of the places
+        self.of = self.least = 0  # presses that it was found from; fewer are given up
         self.failure = ''  # why the last look found nothing
         self.fit_s = 0.0  # of one fit; 0: not known yet
 
@@ -378,9 +379,13 @@ class Judge:
         begun: list[float] = []  # fits
 
         def pipeline() -> Pipeline:
+            if len(presses) < self.least:
+                raise RecordingError('more presses came meanwhile')
             begun.append(time.monotonic())
             self.fit_s = begun[-1] - begun[-2] if len(begun) > 1 else self.fit_s
-            return self._make()
+            made = self._make()
+            self.first = made if len(begun) == 1 else self.first
+            return made
 
         try:
             self.found, self.failure = held_out(pipeline, presses, targets), ''
@@ -419,6 +424,7 @@ class Session:
     def judged(self) -> HeldOut:
         """Errors of all presses, waited for."""
         judge, count = self.judge, len(self.guide.presses)
+        judge.least = count
         while judge.busy or judge.of < count:
             judge.begin(self.guide)
             self.wait('judging on places held out', FOLDS * judge.fit_s)
@@ -545,9 +551,11 @@ def finish(
     if not place.exists():
         with temporary_folder(place) as bag:
             write_recording(whole, bag)
-    apart = np.isin(whole.truth['repetition'] % FOLDS, 0)
-    session.wait('drawing the report', fit_s)
-    others = spec.pipeline(config, options.estimator).fit(whole.select(~apart))
+    apart, others = np.isin(whole.truth['repetition'] % FOLDS, 0), session.judge.first
+    if others is None:
+        print('all presses are at one place: no report on others', file=sys.stderr)
+        return pipeline
+    session.wait('drawing the report', 0.0)
     loaded = LoadedRecording('places held out', whole.select(apart))
     found = fleet.evaluate(loaded, {'calibration on the other places': others})
     command = shlex.join(['tactile', *sys.argv[1:]])

@@ -4,6 +4,7 @@
 import json
 import time
 from pathlib import Path
+from threading import Event
 from urllib.request import urlopen
 
 import numpy as np
@@ -19,7 +20,7 @@ from tactile_ros.evaluation.guided import Phase, PressGuide, Target
 from tactile_ros.evaluation.recording_files import load, load_recording
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
-from tactile_ros.types import Layout, Recording
+from tactile_ros.types import ContactStates, Layout, Recording
 
 LAYOUT = Layout(np.zeros((2, 3)), ('output',), '1')
 COMMAND = [
@@ -213,3 +214,36 @@ def test_judge_says_at_once_why_it_finds_nothing() -> None:
     while judge.busy and time.monotonic() < end:
         pass
     assert (judge.failure, judge.found, judge.of) == ('no truth', None, 2)
+
+
+def test_judge_gives_up_what_more_presses_have_made_old() -> None:
+    board, made, released = Layout(np.eye(3)[:2], ('output',), '1', rate_hz=100.0), [], Event()
+
+    class Fit:
+        def fit(self, _: Recording) -> 'Fit':
+            released.wait(60)
+            return self
+
+        def process_batch(self, recording: Recording) -> ContactStates:
+            return ContactStates.assemble(len(recording), 2, {})
+
+    def make() -> Fit:
+        made.append(Fit())
+        return made[-1]
+
+    press = Recording.from_arrays(
+        board, np.zeros((2, 2, 1)), truth={'repetition': np.zeros(2)}, tare=np.array([True, False])
+    )
+    targets = [Target(np.full(3, 1e-3 * i)) for i in range(6)]
+    guide = PressGuide(board, targets, presses=[(i, press) for i in range(5)])
+    judge = Judge(make)
+    judge.begin(guide)
+    guide.presses.append((5, press))
+    judge.least = 6
+    released.set()
+    judge._thread.join(60)
+    assert (len(made), judge.of, judge.failure) == (1, 5, 'more presses came meanwhile')
+    judge.begin(guide)
+    judge._thread.join(60)
+    assert (len(made), judge.of, judge.failure) == (5, 6, '')
+    assert judge.first is made[1]  # it did not learn the first quarter of the places

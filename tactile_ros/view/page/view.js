@@ -1,8 +1,8 @@
 // Draws what /events says: one card a sensor. No dependencies; forces keep ten seconds.
-const SPAN = 10, STOPS = [[65, 68, 135], [42, 120, 142], [34, 168, 132], [122, 209, 81], [253, 231, 37]];
+const SPAN = 10, ANSWER_MS = 5000, STOPS = [[65, 68, 135], [42, 120, 142], [34, 168, 132], [122, 209, 81], [253, 231, 37]];
 const cards = new Map();
 const note = document.getElementById('note');
-let control = false, waiting = null, heard = 0, guide = null;
+let control = false, waiting = null, heard = 0, guide = null, answered = -ANSWER_MS;
 
 const colour = (share) => {
   const at = Math.min(Math.max(share, 0), 1) * (STOPS.length - 1), i = Math.min(Math.floor(at), STOPS.length - 2);
@@ -67,7 +67,8 @@ class Card {
     const f = this.frame;
     if (!f) return;
     this.drawSkin(f);
-    this.drawForce();
+    this.force.hidden = Boolean(guide) && this.history.every((p) => p.force.every((x) => x === null));
+    if (!this.force.hidden) this.drawForce();
     const slips = f.slip === 1;
     this.badge.textContent = slips ? 'slips' : f.in_contact === 1 ? 'contact' : f.in_contact === 0 ? 'untouched' : 'contact unknown';
     this.badge.className = `badge ${slips ? 'slip' : f.in_contact === 1 ? 'on' : ''}`;
@@ -75,7 +76,8 @@ class Card {
     this.lost.textContent = f.lost;
     const named = this.layout.labels[f.label] ?? (f.label >= 0 ? `class ${f.label}` : f.cell >= 0 ? `cell ${f.cell}` : '–');
     this.label.textContent = f.probability === null || f.label < 0 ? named : `${named} (${Math.round(100 * f.probability)} %)`;
-    this.faults.textContent = f.faults.join('; ') || (f.valid ? '' : 'not valid');
+    const faults = guide ? f.faults.filter((one) => !/^(not calibrated|no baseline)/.test(one)) : f.faults;
+    this.faults.textContent = faults.join('; ') || (f.valid || guide ? '' : 'not valid');
     this.most.textContent = si(f.most, this.layout.unit);
     this.tare.hidden = !control;
   }
@@ -147,7 +149,7 @@ class Card {
     }
     const x = (t) => left + (w - left - 8) * (1 + (t - now) / SPAN), y = (v) => top + (h - bottom - top) * (high - v) / (high - low);
     pen.font = '12px system-ui'; pen.fillStyle = ink('--soft'); pen.strokeStyle = ink('--line'); pen.lineWidth = 1;
-    for (const v of [low, 0, high]) {
+    for (const v of new Set([low, 0, high])) {
       pen.beginPath(); pen.moveTo(left, y(v)); pen.lineTo(w - 8, y(v)); pen.stroke();
       if (v === 0 || Math.abs(y(v) - y(0)) > 14) pen.fillText(`${short(v, 2)} N`, 2, Math.min(y(v) + 4, h - bottom));
     }
@@ -161,13 +163,15 @@ class Card {
       pen.globalAlpha = 1; pen.strokeStyle = stroke; pen.lineWidth = 1.8; pen.beginPath();
       points.forEach((p) => pen.lineTo(x(p.t), y(p.force[k]))); pen.stroke();
       const f = this.frame.force[k], s = this.frame.sigma[k];
-      pen.fillText(`F${'xyz'[k]} ${f === null ? '–' : f.toFixed(2)}${s === null ? '' : ` ± ${s.toFixed(2)}`} N`, left + 6 + place * 108, 13);
+      const narrow = w < left + 3 * 108;
+      pen.fillText(`F${'xyz'[k]} ${f === null ? '–' : f.toFixed(2)}${s === null || narrow ? '' : ` ± ${s.toFixed(2)}`} N`, left + 6 + place * (narrow ? 70 : 108), 13);
     });
   }
 
   async askTare() {
     const answer = await fetch('tare', { method: 'POST', body: new URLSearchParams({ name: this.name }) });
     note.textContent = await answer.text();
+    answered = performance.now();
   }
 }
 
@@ -221,7 +225,7 @@ function paint() {
     drawGuide();
     for (const card of cards.values()) card.draw();
     drawGrips(waiting.grips);
-    note.textContent = control ? 'key T tares all sensors' : '';
+    if (performance.now() - answered > ANSWER_MS) note.textContent = control ? 'key T tares all sensors' : '';
     waiting = null;
   } else if (performance.now() - heard > 1000 && events.readyState === 1) {
     note.textContent = heard ? 'no new frames for a second' : 'waiting for the first frame …';
