@@ -404,6 +404,7 @@ class GripNode(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__('grip_node')
+        self._grasps = GraspServer(self, self._why_not, self._begin, self._cancel)
         self.direct: set[str] = set()
         self._link: HandLink | None = None
         self._loop: GripLoop | None = None
@@ -413,7 +414,6 @@ class GripNode(ManagedNode):
         self.declare(self._hand.driver, self._hand.grip())
         self._states = self.managed_publisher(GripState, '~/state', 10)
         self.create_service(SetBool, '~/enable', self._on_enable)
-        self._grasps = GraspServer(self, self._why_not, self._begin, self._cancel)
         self._options = GripOptions()
         self._config = GripConfig()
         self._described: HandDescription = self._hand

@@ -228,15 +228,17 @@ def test_played_boards_do_not_share_a_port() -> None:
 
 
 def test_a_start_that_cannot_be_is_one_sentence() -> None:
-    command, cases = Process('sensor_node').command(), {
-        'rate_hz': ['-p', 'rate_hz:=-1.0'],
-        'the ROS arguments cannot be read': ['--params-file', '/nowhere.yaml'],
-    }  # fmt: skip
+    cases = {
+        'rate_hz': ('sensor_node', '-p', 'rate_hz:=-1.0'),
+        'the ROS arguments cannot be read': ('sensor_node', '--params-file', '/nowhere.yaml'),
+        'hand must be one of allegro_plexus': ('grip_node', '-p', 'hand:=none'),
+        'sensor must be one of five_wire_skin': ('contact_node', '-p', 'sensor:=none'),
+    }
     started = {
         sentence: subprocess.Popen(
-            [*command, '--ros-args', *arguments], stderr=subprocess.PIPE, text=True
+            [*Process(name).command(), '--ros-args', *arguments], stderr=subprocess.PIPE, text=True
         )
-        for sentence, arguments in cases.items()
+        for sentence, (name, *arguments) in cases.items()
     }
     for sentence, process in started.items():
         said = process.communicate(timeout=120)[1]
