@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import signal
 import subprocess
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import ActionClient
 from sensor_msgs.msg import JointState
 
@@ -143,6 +145,46 @@ def test_a_grasp_is_held_through_the_whole_graph(ros: Ros, calibrations: Path) -
         # of a machine that is busy the newest joint states come a little later than the result
         assert ros.until(lambda: np.abs(pressed() - told).max() < 1.0), (pressed(), told)
         assert grasped(0.0).message == 'the hand is open'
+        assert set(running.stop().values()) == {0}
+
+
+def test_what_a_launch_file_starts_measures_and_outlives_a_kill(
+    ros: Ros, calibrations: Path
+) -> None:
+    """Two processes in a namespace: forces as in truth; a killed driver is seen and comes back."""
+    graph = sensing(
+        SensorSetup(
+            source='simulated', namespace='palm', seed=3,
+            calibration=str(calibrations / 'left.npz'),
+        )
+    )  # fmt: skip
+    ros.init()
+    felt: list[TactileContacts] = ros.hear(TactileContacts, 'palm/contacts')
+    true: list[TactileContacts] = ros.hear(TactileContacts, 'palm/truth/contacts')
+    told: list[DiagnosticArray] = ros.hear(DiagnosticArray, '/diagnostics')
+
+    def silent() -> bool:
+        states = [state for message in told for state in message.status]
+        return any('contact_node' in s.name and s.level == s.ERROR for s in states)
+
+    def pairs() -> list[tuple[TactileContacts, TactileContacts]]:
+        truth = {message.sequence: message for message in true}
+        return [(m, truth[m.sequence]) for m in felt if m.sequence in truth]
+
+    with Running(graph) as running:
+        assert ros.until(lambda: sum(t.in_contact for _, t in pairs()) > 200), running.lines
+        off = [m.wrench.force.z - t.wrench.force.z for m, t in pairs()]
+        load = [t.wrench.force.z for _, t in pairs()]
+        same = [m.in_contact == t.in_contact for m, t in pairs()]
+        assert np.sqrt(np.mean(np.square(off))) < 0.3 * np.std(load)
+        assert np.mean(same) > 0.9
+        running.children['sensor_node'].kill()
+        assert running.children['sensor_node'].wait() == -signal.SIGKILL
+        told.clear()
+        assert ros.until(silent), running.lines
+        running.start(graph['sensor_node'])
+        felt.clear()
+        assert ros.until(lambda: felt), running.lines
         assert set(running.stop().values()) == {0}
 
 
