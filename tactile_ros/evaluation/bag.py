@@ -358,10 +358,11 @@ class BagWriter(Closing):
             for topic, entry in self._topics.items()
         ]  # fmt: skip
         document = {'rosbag2_bagfile_information': {
-            'version': 5, 'storage_identifier': 'mcap', **span(), 'message_count': total,
+            'version': 8, 'storage_identifier': 'mcap', **span(), 'message_count': total,
             'topics_with_message_count': topics, 'compression_format': '', 'compression_mode': '',
             'relative_file_paths': [name],
             'files': [{'path': name, **span(), 'message_count': total}],
+            'custom_data': {}, 'ros_distro': os.environ.get('ROS_DISTRO', 'unknown'),
         }}  # fmt: skip
         return str(yaml.safe_dump(document, sort_keys=False))
 
