@@ -23,7 +23,7 @@ COLOURS = {
     '3V3': '#d0493a', 'VCC': '#d0493a', 'GND': '#7f8c8d', 'SDA': '#2f8fd0', 'SCL': '#b7950b',
     'A': '#d0493a', 'B': '#2f8fd0', 'C': '#b7950b', 'D': '#27ae60', 'foil': '#a05cc0',
     'R0': '#a05cc0', 'row': '#2f8fd0', 'column': '#b7950b', 'Bx,': '#2f8fd0', 'A0': '#b7950b',
-    'select': '#27ae60', 'frame': '#2f8fd0', 'layout': '#7f8c8d', 'contacts': '#27ae60',
+    'select': '#27ae60',
     'live:': '#d0493a', 'batch:': '#2f8fd0', 'replay:': '#27ae60', 'checked:': '#27ae60',
     'TRUSTED:': '#d0493a', 'OPEN:': '#d0493a',
 }  # fmt: skip
@@ -203,12 +203,6 @@ DRAWINGS: dict[str, str] = {
         ),
         grounded='R0, each column',
     ),
-    'wiring_nodes': drawn(
-        'Nodes of a sensor and of a grip',
-        ('sensor_node', ('reads the board', 'or its twin'), ()),
-        ('contact_node', ('tare, enrol;', 'wrench, markers'), ('frame', 'layout')),
-        ('grip_node', ('grasp, enable;', 'commands the hand'), ('contacts',)),
-    ),
     'wiring_lines': drawn(
         'Taxels on an Arduino that prints text',
         ('16 taxels', ('from VCC through', 'a multiplexer', 'to A0'), ()),
@@ -269,6 +263,23 @@ DRAWINGS: dict[str, str] = {
         ),
         ('use', ('run, view',), ('calibration, one .npz file',)),
         ('evaluate', ('replay, compare, report, export; bench',), ('bag of the run',)),
+    ),
+    'nodes': stacked(
+        'Nodes of a sensor and of a grip',
+        ('sensor_node', ('reads the board or its twin; sets faults of a twin',), ()),
+        (
+            'contact_node',
+            ('serves tare, enrol, forget', 'also publishes wrench, markers, baseline, surface'),
+            ('topics frame, layout',),
+        ),
+        (
+            'grip_node', ('serves grasp, enable; also publishes grip_node/state',),
+            ('topic contacts, of each finger',),
+        ),
+        (
+            'driver of the hand, not ours', ('its joint states go back to grip_node',),
+            ('the command topic of the hand',),
+        ),
     ),
     'delay': stacked(
         'What a delay runs through, in one process',

@@ -13,7 +13,11 @@ sys.path[:0] = [str(HERE.parents[1]), str(HERE.parents[1] / 'test')]
 
 from benchmarks.multipole_skin import SENSOR, Trials  # noqa: E402
 
-STYLE = 'font-family="sans-serif" font-size="11" fill="#333"'
+STYLE = (
+    '<style>text{font:13px sans-serif;fill:#333}.card{fill:#fff}.head{fill:#ddd;stroke:#888}'
+    '.line{stroke:#111;stroke-width:1.5}@media(prefers-color-scheme:dark){text{fill:#ddd}'
+    '.card{fill:#1b1e23}.head{fill:#444}.line{stroke:#eee}}</style>'
+)
 DEPTH = 0.6e-3
 PLACE = np.array([19e-3, 20e-3, 0.0])
 RED, BLUE = '#b2182b', '#2166ac'
@@ -34,25 +38,23 @@ def templates() -> str:
         at = np.array([left + 95, top + 105])
         outline = at + (head.loops[0] + PLACE[:2]) * [2000, -2000]
         corners = ' '.join(f'{x:.1f},{y:.1f}' for x, y in outline)
-        drawn.append(f'<polygon points="{corners}" fill="#ddd" stroke="#888"/>')
-        drawn.append(f'<text x="{left + 8}" y="{top + 16}" {STYLE}>{head.name}</text>')
+        drawn.append(f'<polygon class="head" points="{corners}"/>')
+        drawn.append(f'<text x="{left + 8}" y="{top + 16}">{head.name}</text>')
         for (x, y), (bx, by, bz) in zip(
             at + chips[:, :2] * [2000, -2000], fields[i] / most, strict=True
         ):
             size, colour = 14 * np.sqrt(abs(bz)), RED if bz > 0 else BLUE
             drawn.append(
                 f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{size:.1f}" fill="{colour}" '
-                f'fill-opacity="0.5"/><path d="M{x:.1f} {y:.1f}l{40 * bx:.1f} {-40 * by:.1f}" '
-                'stroke="#111" stroke-width="1.5"/>'
+                f'fill-opacity="0.5"/><path class="line" '
+                f'd="M{x:.1f} {y:.1f}l{40 * bx:.1f} {-40 * by:.1f}"/>'
             )
     words = (
         f'disc: change of Bz, red up, blue down; largest {1e3 * most:.1f} mT; area by size',
         f'line from a chip: change of Bx and By; {1e3 * most:.1f} mT is 20 mm long; bar: 10 mm',
     )
-    drawn += [
-        f'<text x="8" y="{632 + 18 * k}" {STYLE}>{line}</text>' for k, line in enumerate(words)
-    ]
-    drawn.append('<path d="M530 646h20" stroke="#333" stroke-width="2"/>')
+    drawn += [f'<text x="8" y="{632 + 18 * k}">{line}</text>' for k, line in enumerate(words)]
+    drawn.append('<path class="line" d="M530 646h20"/>')
     return _svg(570, 660, drawn)
 
 
@@ -74,20 +76,17 @@ def confusion() -> str:
                 f'fill-opacity="{0.04 + 0.9 * share:.2f}"/>'
             )
             if share > 0:
-                ink = '#fff' if share > 0.5 else '#333'
+                ink = ' style="fill:#fff"' if share > 0.5 else ''
                 drawn.append(
-                    f'<text x="{x + 20}" y="{y + 25}" text-anchor="middle" '
-                    f'font-family="sans-serif" font-size="11" fill="{ink}">'
+                    f'<text x="{x + 20}" y="{y + 25}" text-anchor="middle"{ink}>'
                     f'{100 * share:.0f}</text>'
                 )
         drawn.append(
-            f'<text x="104" y="{85 + 42 * i}" text-anchor="end" {STYLE}>{names[i]}</text>'
-            f'<text transform="translate({134 + 42 * i} 54) rotate(-35)" {STYLE}>'
+            f'<text x="104" y="{85 + 42 * i}" text-anchor="end">{names[i]}</text>'
+            f'<text transform="translate({134 + 42 * i} 54) rotate(-35)">'
             f'{names[i]}</text>'
         )
-    drawn.append(
-        f'<text x="110" y="458" {STYLE}>pressed (rows), named (columns), % of presses</text>'
-    )
+    drawn.append('<text x="110" y="458">pressed (rows), named (columns), % of presses</text>')
     return _svg(560, 470, drawn)
 
 
@@ -95,7 +94,7 @@ def _svg(width: int, height: int, drawn: list[str]) -> str:
     """A whole drawing."""
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}">'
-        f'<rect width="{width}" height="{height}" fill="#fff"/>{"".join(drawn)}</svg>\n'
+        f'{STYLE}<rect class="card" width="{width}" height="{height}"/>{"".join(drawn)}</svg>\n'
     )
 
 
