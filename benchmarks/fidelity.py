@@ -264,7 +264,7 @@ def _force_error(seed: int, terms: dict[str, bool], learned: object, scene: obje
     return float(_rms(error[specimen.rest :].reshape(-1)))
 
 
-def drawing(rows: list[Row], limit: float, told: str) -> str:
+def drawing(rows: list[Row], limit: float, title: str) -> str:
     """Worst error against time, with the line below which a model is good enough."""
     spots = [(spot_name(row.method), row.us_batch or row.us_single, row.ours) for row in rows]
     shown = [spot for spot in spots if spot[2] > 0]
@@ -272,7 +272,7 @@ def drawing(rows: list[Row], limit: float, told: str) -> str:
     wide = min(every) / 2, 2.5 * max(every)
     tall = min(*errors, limit) / 8, min(5 * max(errors), 99e3)  # a label of 1e5 is too wide
     plot = Plot(wide, tall, 'time of a frame (µs)', 'worst error (µT)', (560, 360),
-                log_x=True, log_y=True, description=told)  # fmt: skip
+                log_x=True, log_y=True, description=title)  # fmt: skip
     plot.line(np.array(wide), np.full(2, limit), 'line ink')
     plot.text(wide[0], limit, 'a third of the noise', shift=-12)
     key = {}
@@ -284,7 +284,7 @@ def drawing(rows: list[Row], limit: float, told: str) -> str:
     name_marks(plot, shown)
     for row, (name, us, _) in enumerate(spot for spot in spots if spot[2] == 0):
         plot.rule(us, name, row=row)
-    return standalone(plot, title=f'{told}: worst error against time', key=list(key.items()))
+    return standalone(plot, title=f'{title}: worst error against time', key=list(key.items()))
 
 
 def spot_name(method: str) -> str:
@@ -328,8 +328,8 @@ def run(extent: str, command: str) -> BenchResult:
     ]
     pads = found['magnet_pad'] + found['magnet_pad, normal touches']
     drawings = {
-        name: drawing(spots, LIMIT[name], told)
-        for name, spots, told in (
+        name: drawing(spots, LIMIT[name], title)
+        for name, spots, title in (
             ('gradiometer', found['gradiometer'], 'Models of a disc'),
             ('magnet_pad', pads, 'Models of blocks and of touches'),
             ('multipole_skin', pressed, 'Models of a pressed sheet'),

@@ -38,7 +38,7 @@ STEPS = np.array([0.02, 0.05, 0.1, 0.2, 0.4])  # mm, of the shades of a map
 World = FiveWireWorld | SheetWorld
 
 
-class Told(NamedTuple):
+class Errors(NamedTuple):
     """What a pipeline said of touches, less the truth, and the sigmas that it stated."""
 
     place: Array  # (s, 2) mm
@@ -114,17 +114,17 @@ def world_figures(
     began = time.perf_counter()
     fits = {side: SENSOR.pipeline().fit(one) for side, one in train.items()}
     seconds = (time.perf_counter() - began) / len(fits)
-    told = {side: judged(fit, test) for side, fit in fits.items()}
+    errors = {side: judged(fit, test) for side, fit in fits.items()}
     printed = SENSOR.pipeline(estimator='printed').fit(train[4])
     formula, squares = judged(printed, test), judged(printed, train[4])
     again, ours = calibration(world, 7, seed + 400), calibration(world, 4, seed + 500)
     known = judged(fits[7], again)
     coverage = {
         f'place, {side * side} points, {axis}':
-            _covers(told[side].place[:, k], told[side].place_sigma[:, k])
+            _covers(errors[side].place[:, k], errors[side].place_sigma[:, k])
         for side in (5, 7, 4) for k, axis in enumerate('xy')
     } | {
-        f'force, {side * side} points': _covers(told[side].force, told[side].force_sigma)
+        f'force, {side * side} points': _covers(errors[side].force, errors[side].force_sigma)
         for side in (7, 5, 4)
     }  # fmt: skip
     coverage['force, 49 points, at its squares'] = _covers(known.force, known.force_sigma)
@@ -142,8 +142,8 @@ def world_figures(
         'plate': length(1e3 * plated), 'printed': rms(formula.force),
         'at_squares': rms(squares.force), 'fit': seconds,
         'least': _least(world, places, load),
-        **{f'place{side * side}': length(told[side].place) for side in (4, 5, 7)},
-        **{f'force{side * side}': rms(told[side].force) for side in (4, 5, 7)},
+        **{f'place{side * side}': length(errors[side].place) for side in (4, 5, 7)},
+        **{f'force{side * side}': rms(errors[side].force) for side in (4, 5, 7)},
         'least_there': _least(world, *there), 'least_three': _least_of_three(world, *there),
         'square8': rms(known.force),
         'square60': np.nan if quick else rms(judged(fits[60], again).force),
@@ -176,7 +176,7 @@ def calibration(world: World, side: int, seed: int, loads: int | None = None) ->
     return touches(world, LAYOUT, where, np.tile(np.linspace(1, 15, loads), side**2), seed)
 
 
-def judged(pipeline: Pipeline, test: Recording) -> Told:
+def judged(pipeline: Pipeline, test: Recording) -> Errors:
     """Errors and stated sigmas of touches."""
     states = pipeline.process_batch(test)
     touched = (test.truth['in_contact'] == 1) & (states.in_contact == 1)
@@ -184,7 +184,7 @@ def judged(pipeline: Pipeline, test: Recording) -> Told:
     force = (states.force - test.truth['force'])[touched, 2:]
     cov, cov_force = states.position_cov[touched], states.force_cov[touched, 2:, 2]
     sigma = 1e3 * np.sqrt(np.diagonal(cov, axis1=1, axis2=2))[:, :2]
-    return Told(place, sigma, force, np.sqrt(cov_force))
+    return Errors(place, sigma, force, np.sqrt(cov_force))
 
 
 def _method(seed: int, name: str | None) -> tuple[float, float, float]:
@@ -193,8 +193,8 @@ def _method(seed: int, name: str | None) -> tuple[float, float, float]:
     where, load = rng.uniform(12.5e-3, 87.5e-3, (FEW, 2)), rng.uniform(1, 15, FEW)
     test = touches(world, LAYOUT, where, load, seed + 200)
     fit = SENSOR.pipeline(estimator=name).fit(calibration(world, 7, seed + 300))
-    told = judged(fit, test)
-    return length(told.place), rms(told.force), frame_us(fit, test, range(60), 5)[0]
+    errors = judged(fit, test)
+    return length(errors.place), rms(errors.force), frame_us(fit, test, range(60), 5)[0]
 
 
 def _curves(pipeline: Pipeline, world: World) -> dict[str, float]:
@@ -299,10 +299,10 @@ def _accuracy(mean: dict[str, float], each: dict[str, tuple[float, ...]]) -> lis
             by_seed=each['place49']),
         *(
             Row(what, 'N', mean[f'square{count}'], bound=least, aim=1.05 * least)
-            for told, least in (('force at 49 calibration squares, {} touches each, rms', there),
+            for label, least in (('force at 49 calibration squares, {} touches each, rms', there),
                                 ('the same, {} touches (bound: noise of all three readings)',
                                  three))
-            for count in (8, 60) for what in (told.format(count),)
+            for count in (8, 60) for what in (label.format(count),)
         ),
         Row('force anywhere, 49 points, rms', 'N', mean['force49'], paper=1.0,
             peer=mean['printed'], bound=least, aim=0.28, by_seed=each['force49']),
@@ -359,14 +359,14 @@ def drawn(seed: int) -> dict[str, str]:
     test = touches(world, LAYOUT, where, np.full(len(where), 8.0), seed + 1)
     touched = test.truth['in_contact'] == 1
     found = {}
-    for name, estimator, steps, told in (
+    for name, estimator, steps, title in (
         ('linear_map', 'printed', 20 * STEPS, 'Place error of the linear formula'),
         ('place_map', None, STEPS, 'Place error of the harmonic map, 25 points'),
     ):
         fit = SENSOR.pipeline(estimator=estimator).fit(train)
         error = np.linalg.norm(judged(fit, test).place, axis=1)
-        plot = Plot.plan((0.0, 100.0), (0.0, 100.0), '(mm)', told)
+        plot = Plot.plan((0.0, 100.0), (0.0, 100.0), '(mm)', title)
         kinds = [f's{n}' for n in np.searchsorted(steps, error)]
         plot.boxes(*1e3 * test.truth['position'][touched, :2].T, 3.1, kinds)
-        found[name] = standalone(plot, title=told, key=shade_key(steps, 'mm'))
+        found[name] = standalone(plot, title=title, key=shade_key(steps, 'mm'))
     return found

@@ -110,9 +110,9 @@ def bound(world: World, shift: Array) -> Array:
         field = np.einsum('tij,stj->sti', world.mix, world.field(place, world.tilts(place), heat))
         return np.asarray(field[..., [0, 2]].reshape(len(place), 8))
 
-    def sloped(told: Callable[[Array], Array]) -> Array:
+    def sloped(law: Callable[[Array], Array]) -> Array:
         steps = STEP * np.eye(3)
-        return np.stack([(told(shift + d) - told(shift - d)) / 2 / STEP for d in steps], axis=2)
+        return np.stack([(law(shift + d) - law(shift - d)) / 2 / STEP for d in steps], axis=2)
 
     slope, give = sloped(seen), sloped(lambda place: world.force(place, heat))
     uniform = np.linalg.qr(np.tile(np.eye(2), (4, 1)))[0]
@@ -246,21 +246,21 @@ def warmth() -> tuple[list[Row], str]:
         rows.append(Row(f'Fz over 0..50 C, {name}', 'mN', float(rms(error))))
         said[name] = test.temperature_c[judged(pipeline, test)[1], 0], error
     high = max(float(np.quantile(np.abs(error), 0.99)) for _, error in said.values())
-    told = 'Error of Fz over temperature'
-    return rows, dots(said, (10.0, 60.0), (-high, high), 'temperature of the chip (°C)', told)
+    title = 'Error of Fz over temperature'
+    return rows, dots(said, (10.0, 60.0), (-high, high), 'temperature of the chip (°C)', title)
 
 
 def dots(
     said: dict[str, Errors], wide: tuple[float, float], high: tuple[float, float], label: str,
-    told: str, log: bool = False,
+    title: str, log: bool = False,
 ) -> str:  # fmt: skip
     """Errors of Fz (mN) over something, of methods by name."""
-    plot = Plot(wide, high, label, 'error of Fz (mN)', (480, 320), description=told, log_y=log)
+    plot = Plot(wide, high, label, 'error of Fz (mN)', (480, 320), description=title, log_y=log)
     for k, (x, error) in enumerate(said.values()):
         keep = (error >= high[0]) & (error < high[1])
         plot.dots(x[keep][:500], error[keep][:500], f'c{k}')
     words = (f'{name}: {rms(error):.3g} mN rms' for name, (_, error) in said.items())
-    return standalone(plot, title=told, key=[(f'c{k}', one) for k, one in enumerate(words)])
+    return standalone(plot, title=title, key=[(f'c{k}', one) for k, one in enumerate(words)])
 
 
 def surroundings(extent: str) -> tuple[list[Row], list[int]]:
@@ -281,12 +281,12 @@ def surroundings(extent: str) -> tuple[list[Row], list[int]]:
         hit = (np.abs(strong.values) >= limit - 1e-9).any(axis=(1, 2))
         valid, sound = pipeline.process_batch(strong).valid, ~strong.tare & ~hit
         clipped += [[hit.sum(), (hit & ~valid).sum()], [sound.sum(), (sound & valid).sum()]]
-    (told, flagged), (sound, used) = clipped
+    (clips, flagged), (sound, used) = clipped
     rows = [
         *coverage('', clean),
         *coverage(', magnet at 14 mm', magnets, certain=True),
         *widths(magnets),
-        Row(f'clipped frames flagged, of {told}', '%', 100 * flagged / max(told, 1), 'high',
+        Row(f'clipped frames flagged, of {clips}', '%', 100 * flagged / max(clips, 1), 'high',
             aim=100.0),
         Row(f'clean frames valid, of {sound}', '%', 100 * used / sound, 'high', aim=99.9),
     ]  # fmt: skip
@@ -326,8 +326,8 @@ def widths(found: list[Errors]) -> list[Row]:
     rows = []
     for i, answer in enumerate(ANSWERS[:3]):
         what = f'{answer}, magnet at 14 mm'
-        told = error[np.isfinite(error[:, i]), i]
-        rows.append(Row(f'{what}, rms', 'mN', MILLI * float(rms(told))))
+        finite = error[np.isfinite(error[:, i]), i]
+        rows.append(Row(f'{what}, rms', 'mN', MILLI * float(rms(finite))))
         ratio = np.nanmedian(sigma[:, i]) / (np.nanmedian(np.abs(error[:, i])) / MEDIAN)
         rows.append(Row(f'{what}, median sigma over what medians of errors ask for', '1', ratio))
     return rows
@@ -378,11 +378,11 @@ def methods(worlds: list[World], names: tuple[str, ...]) -> tuple[list[Row], str
             Row.mean(f'Fz by {name}, 300 points, rms', 'mN', found, us_single=us,
                      compared='Fz of the gradiometer, 300 points', method=name)
         )  # fmt: skip
-    told = 'Error of Fz against load, learned from 300 presses'
+    title = 'Error of Fz against load, learned from 300 presses'
     drawn = {name: said[name] for name in METHODS[:2]}
     high = 2 * max(row.by_seed[0] for row in rows)
     top = float(said['inversion'][0].max())
-    return rows, dots(drawn, (0.0, top), (1e-3, high), 'Fz (N)', told, log=True)
+    return rows, dots(drawn, (0.0, top), (1e-3, high), 'Fz (N)', title, log=True)
 
 
 def run(extent: str, command: str) -> BenchResult:

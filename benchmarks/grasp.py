@@ -96,22 +96,22 @@ def run(extent: str, command: str) -> BenchResult:
 def _slip_rows(seeds: list[int]) -> list[Row]:
     """Slip of the recorded pulls."""
     recording = SENSOR.recordings()['slip']
-    told = recording.truth['slip'].reshape(-1, LENGTH).max(axis=1) == 1
-    count = len(told)
+    slid = recording.truth['slip'].reshape(-1, LENGTH).max(axis=1) == 1
+    count = len(slid)
     contiguous = np.arange(count) * FOLDS // count
-    judged = _folded(recording, told, contiguous)
-    what, wrong = 'slip, contiguous folds', judged.said != told
+    judged = _folded(recording, slid, contiguous)
+    what, wrong = 'slip, contiguous folds', judged.said != slid
     rows = [
-        Row(f'{what}: balanced accuracy', '1', _balanced(judged.said, told), 'high', paper=0.95,
-            peer=_balanced(judged.peer, told), aim=0.985),
-        Row(f'{what}: sequences missed', '1', float((told & wrong).sum())),
-        Row(f'{what}: false alarms', '1', float((~told & wrong).sum())),
+        Row(f'{what}: balanced accuracy', '1', _balanced(judged.said, slid), 'high', paper=0.95,
+            peer=_balanced(judged.peer, slid), aim=0.985),
+        Row(f'{what}: sequences missed', '1', float((slid & wrong).sum())),
+        Row(f'{what}: false alarms', '1', float((~slid & wrong).sum())),
         Row(f'{what}: frames flagged before the onset', '1', float(judged.early)),
         Row('slip: delay after onset, median', 'frames', float(np.nanmedian(judged.delay))),
         Row('slip: delay after onset, 95 %', 'frames', float(np.nanquantile(judged.delay, 0.95))),
     ]  # fmt: skip
     for fold in range(FOLDS):
-        slips, holds = (contiguous == fold) & told, (contiguous == fold) & ~told
+        slips, holds = (contiguous == fold) & slid, (contiguous == fold) & ~slid
         name = f'slip, fold {fold} ({int(slips.sum())} slip, {int(holds.sum())} hold)'
         delay = float(np.nanmedian(judged.delay[slips]))
         rows += [
@@ -121,7 +121,7 @@ def _slip_rows(seeds: list[int]) -> list[Row]:
     shuffled = []
     for seed in seeds:
         folds = np.random.default_rng(seed).permutation(count) % FOLDS
-        shuffled.append(_balanced(_folded(recording, told, folds).said, told))
+        shuffled.append(_balanced(_folded(recording, slid, folds).said, slid))
     return [
         *rows,
         Row.mean(f'slip, {len(seeds)} shuffled folds: mean', '1', shuffled, 'high'),
@@ -129,17 +129,17 @@ def _slip_rows(seeds: list[int]) -> list[Row]:
     ]
 
 
-def _balanced(said: Bools, told: Bools) -> float:
+def _balanced(said: Bools, slid: Bools) -> float:
     """Mean of the shares of both kinds that are right."""
-    return float(0.5 * (said[told].mean() + (~said[~told]).mean()))
+    return float(0.5 * (said[slid].mean() + (~said[~slid]).mean()))
 
 
-def _folded(recording: Recording, told: Bools, folds: Integers) -> Judged:
+def _folded(recording: Recording, slid: Bools, folds: Integers) -> Judged:
     """Every sequence judged by a pipeline that had not seen its fold."""
     config = dataclasses.replace(SENSOR.config(), positions=recording.layout.positions)
     largest, onset = _changes(recording)
-    said, peer = np.zeros((2, len(told)), bool)
-    delay = np.full(len(told), np.nan)
+    said, peer = np.zeros((2, len(slid)), bool)
+    delay = np.full(len(slid), np.nan)
     early = 0
     for fold in np.unique(folds):
         held, tests = np.repeat(folds == fold, LENGTH), folds == fold
@@ -148,8 +148,8 @@ def _folded(recording: Recording, told: Bools, folds: Integers) -> Judged:
         said[tests] = flags.any(axis=1)
         delay[tests] = np.where(said[tests], flags.argmax(axis=1) - onset[tests], np.nan)
         early += int((flags & (np.arange(LENGTH) < onset[tests, None])).sum())
-        peer[tests] = largest[tests] > _threshold(largest[~tests & told], largest[~tests & ~told])
-    return Judged(said, peer, np.where(told, delay, np.nan), early)
+        peer[tests] = largest[tests] > _threshold(largest[~tests & slid], largest[~tests & ~slid])
+    return Judged(said, peer, np.where(slid, delay, np.nan), early)
 
 
 def _changes(recording: Recording) -> tuple[Array, Integers]:

@@ -88,7 +88,7 @@ class Run:
     answered: float
     calls: int = 0
     why: str = ''
-    waited: str = grip_rig.UNTOLD
+    waited: str = grip_rig.UNKNOWN
 
 
 def run(extent: str, command: str) -> BenchResult:

@@ -100,10 +100,10 @@ class Session:
         return 1e3 * float(np.nanmean(np.linalg.norm(off, axis=1)))
 
     def off_force(self, states: ContactStates) -> float:
-        """Root mean square of how far forces are from the truth (N); NaN where none is told."""
+        """Root mean square of how far forces are from the truth (N); NaN where there is none."""
         size = np.linalg.norm(states.force[REST:] - self.touches.force, axis=1)
-        told = size[np.isfinite(size)]
-        return float(np.sqrt((told**2).mean())) if len(told) else float('nan')
+        finite = size[np.isfinite(size)]
+        return float(np.sqrt((finite**2).mean())) if len(finite) else float('nan')
 
 
 def config_of(cells: int) -> MagnetPadConfig:
@@ -404,15 +404,15 @@ def _warm(count: int) -> list[Row]:
     for rise in WARMER:
         test = session(15, count, 1.0, JUDGE, warm=rise)
         blind = replace(test.recording, temperature_c=None)
-        told, untold = (_judged(ours.process_batch(one), test) for one in (test.recording, blind))
-        usual = usual if rise else told[:2]
+        seen, unseen = (_judged(ours.process_batch(one), test) for one in (test.recording, blind))
+        usual = usual if rise else seen[:2]
         what = f'{rise:g} degrees above the tare'
-        off, peer = (100 * abs(one[2].share - WITHIN[2]) for one in (told, untold))
+        off, peer = (100 * abs(one[2].share - WITHIN[2]) for one in (seen, unseen))
         rows += [
-            Row(f'{what}: place', 'mm', told[0], peer=untold[0], aim=1.1 * usual[0]),
-            Row(f'{what}: Fz', 'N', told[1], peer=untold[1], aim=1.1 * usual[1]),
+            Row(f'{what}: place', 'mm', seen[0], peer=unseen[0], aim=1.1 * usual[0]),
+            Row(f'{what}: Fz', 'N', seen[1], peer=unseen[1], aim=1.1 * usual[1]),
             Row(f'{what}: Fz inside 2 sigma, off {100 * WITHIN[2]:.1f} %', 'points', off,
-                peer=peer, aim=_allowed(told[2], 2)),
+                peer=peer, aim=_allowed(seen[2], 2)),
         ]  # fmt: skip
     return rows
 
@@ -439,7 +439,7 @@ def _speed(count: int, seeds: tuple[int, ...]) -> list[Row]:
             force.append(fresh.off_force(said))
         single, batch = frame_us(one, fresh.recording, range(REST, REST + 200))
         title = 'table Gauss-Newton' if name is None else name.replace('_', ' ')
-        for what, unit, found, better, told in (
+        for what, unit, found, better, compared in (
             ('place', 'mm', away, 'low', 'place on the pad, 15 cells'),
             ('force', 'N', force, 'low', 'force on the pad, 15 cells'),
             ('cell', '%', right, 'high', 'cells right on the pad, of 15'),
@@ -447,7 +447,7 @@ def _speed(count: int, seeds: tuple[int, ...]) -> list[Row]:
             if what != 'cell' or (said.cell >= 0).any():  # regressors of the place name none
                 rows.append(
                     Row.mean(f'{what} by {title}', unit, found, better, us_single=single,
-                             us_batch=batch, compared=told, method=title)
+                             us_batch=batch, compared=compared, method=title)
                 )  # fmt: skip
     many, test = session(15, 10_000, 1.0, 5), session(15, 200, 1.0, 6)
     knn, inversion = CellKnn(5).fit(many.change, many.touches.cell), ours.estimation.inversion_

@@ -162,8 +162,8 @@ def write_bag(path: Path, pipeline: Pipeline, recording: Recording) -> None:
                 pipeline.tare([rest])
             put('/frame', frame_of(frame), at + 1_000_000)
             put('/contacts', contacts(frame, pipeline.process(frame), at), at + 2_000_000)
-            told = {key: value[row] for key, value in recording.truth.items()}
-            truth = contacts(frame, replace(blank, **told), None)
+            row_truth = {key: value[row] for key, value in recording.truth.items()}
+            truth = contacts(frame, replace(blank, **row_truth), None)
             put('/truth/contacts', truth, at + 3_000_000)
 
 

@@ -50,11 +50,11 @@ def run(extent: str, command: str) -> BenchResult:
     rows = _washer_rows(pipeline, COUNTS[extent])
     sorted_rows, drawings, worlds = sorted_parts(extent)
     drawings['hold'], drift = _hold()
-    told = 'coverage of 72 taxels'
+    compared = 'coverage of 72 taxels'
     rows += sorted_rows
     rows += [
-        Row(f'{told} by {name}', 'parts', error, bound=_noise_of_cover(), us_single=spent,
-            compared=told, method=name)
+        Row(f'{compared} by {name}', 'parts', error, bound=_noise_of_cover(), us_single=spent,
+            compared=compared, method=name)
         for name, (spent, error) in _covers(pipeline).items()
     ]  # fmt: skip
     rows.append(
@@ -141,8 +141,8 @@ def _washer_rows(pipeline: Pipeline, count: int) -> list[Row]:
     total = np.abs(states.force[:, 2] / force.sum(axis=1) - 1)
     even = np.repeat(np.linspace(0.3, 2.5, 30)[:, None], TAXELS, axis=1)
     (ours, rest), (paper, paper_rest) = (
-        [told(_read(load, seed)) for load, seed in ((even, 3), (np.zeros((50, TAXELS)), SEED + 2))]
-        for told in (lambda values: _forces(pipeline, values), _printed)
+        [how(_read(load, seed)) for load, seed in ((even, 3), (np.zeros((50, TAXELS)), SEED + 2))]
+        for how in (lambda values: _forces(pipeline, values), _printed)
     )
     spread, paper_spread = (
         100 * float((one[:, HEALTHY] / even[:, HEALTHY]).std(axis=1).mean())
@@ -238,8 +238,8 @@ def _hold() -> tuple[str, dict[str, float]]:
         miss = 100 * (np.nanmean(states.taxel_force, axis=1) / 20.0 - held / 20.0)
         lines[name] = (0.1 * np.arange(len(held))[::10] - 2.0, miss[::10])
         drift[name] = float(np.ptp(np.convolve(miss[30:1220], np.ones(20) / 20, 'valid')))
-    told = 'Error of the force over a hold of 120 s and after it'
-    return plots.curves(lines, ('time since the load (s)', 'error (% of the load)'), told), drift
+    title = 'Error of the force over a hold of 120 s and after it'
+    return plots.curves(lines, ('time since the load (s)', 'error (% of the load)'), title), drift
 
 
 def _crept(config: TaxelArrayConfig, load: Array, seed: int, stamped: bool) -> Recording:
@@ -325,8 +325,8 @@ def _placed(what: str, picks: list[list[Picked]], paper: float | None, aim: floa
     """Per cent of parts that went where they belong, of all worlds and of each."""
     each = [100.0 * float(np.mean([pick.placed for pick in part])) for part in picks]
     worlds = f'{len(picks)} world' + 's' * (len(picks) > 1)
-    told = f'pick and place: {what} ({sum(map(len, picks))} picks in {worlds})'
-    return Row.mean(told, '%', each, 'high', paper=paper, aim=aim)
+    label = f'pick and place: {what} ({sum(map(len, picks))} picks in {worlds})'
+    return Row.mean(label, '%', each, 'high', paper=paper, aim=aim)
 
 
 def _conditioning(gripper: Gripper) -> float:
@@ -360,5 +360,5 @@ def _draw_pick(config: TaxelArrayConfig, pick: Picked) -> str:
         shown = plots.edges_of(config.objects[pick.state.label])
         found = plots.placed(shown, np.array([*pose[:2, 3], turn]))
     pressure = pick.state.taxel_force / config.areas
-    told = f'Pressure on {len(config.positions)} taxels, and the object'
-    return plots.object_map(corners, pressure, found, plots.placed(part, pick.pose), told)
+    title = f'Pressure on {len(config.positions)} taxels, and the object'
+    return plots.object_map(corners, pressure, found, plots.placed(part, pick.pose), title)

@@ -197,7 +197,7 @@ def api() -> str:
 
 
 def design() -> str:
-    """Floors of the house, its folders and their lines beside the budgets."""
+    """Floors of the package, its folders and their lines beside the budgets."""
     import house
 
     rows = [

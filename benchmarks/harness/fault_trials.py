@@ -147,12 +147,12 @@ class Road(Closing):
             elif counted and i:
                 found[i] = found[0] + (frame.sequence - frames[0].sequence) / RATE_HZ
             else:
-                found[i] = self._time_told(frame)
+                found[i] = self._matched_time(frame)
         if counted and len(found):
             self._seen = float(found[-1])
         return found
 
-    def _time_told(self, frame: Frame) -> float:
+    def _matched_time(self, frame: Frame) -> float:
         """Period of the twin whose signal is nearest to most readings, not before the last."""
         first = 0 if self._seen < 0 else round(self._seen * RATE_HZ)
         last = round((self.clock.now_ns() - self._begun_ns) * 1e-9 * RATE_HZ)
@@ -213,7 +213,7 @@ def suffer(road: Road, fault: str, count: int = 1, settle_s: float = 1.0) -> Tri
     `count` frames or transfers are hit, one after the other; stall and unplug come again when
     they are over. `settle_s` of virtual time pass before and after.
     """
-    # told by the time of arrival
+    # judged by the time of arrival
     road.block = 1 if fault == 'stall' else road.usual_block
     frames = road.run(settle_s)
     before, counted = road.twin.injected[fault], road.counters()
@@ -241,8 +241,8 @@ def _counted(
 ) -> int:
     """What the driver's own counter, or the marks in its frames, say of a fault."""
     if fault in MARKS:
-        told = (frame.status for frame in frames if frame.status is not None)
-        return sum(bool((status & MARKS[fault]).any()) for status in told)
+        each = (frame.status for frame in frames if frame.status is not None)
+        return sum(bool((status & MARKS[fault]).any()) for status in each)
     names = COUNTERS.get(fault, ('dropped',))
     name = next((name for name in names if name in after), 'dropped')
     return after.get(name, 0) - before.get(name, 0)

@@ -59,8 +59,8 @@ class FramedSubject:
         counts = rng.integers(low, high, (count, payload.count, payload.channels))
         data = framed_protocol.encode(payload, counts, self._sequence, np.arange(count) * 1000)
         self._sequence += count
-        told = [row.tobytes() for row in counts.astype(np.float64)]
-        return cut(data, framed_protocol.frame_bytes(payload)), told
+        expected = [row.tobytes() for row in counts.astype(np.float64)]
+        return cut(data, framed_protocol.frame_bytes(payload)), expected
 
     def feed(self, data: bytes) -> list[bytes]:
         """What is decoded."""
@@ -107,12 +107,12 @@ def suffer_bytes(subject: FramedSubject | BoardSubject, count: int, seed: int) -
     frames, _ = subject.frames(8, rng)
     subject.feed(b''.join(frames))
     while found.strings < count:
-        frames, told = subject.frames(3 * CHUNK, rng)
+        frames, expected = subject.frames(3 * CHUNK, rng)
         stream = [frame if i % 3 else _hostile(frame, rng) for i, frame in enumerate(frames)]
         got = set(_fed(subject, b''.join(stream), found))
-        found.wrong += len(got.difference(told))
-        lost = [told[i + 1] not in got for i in range(0, 3 * CHUNK, 3)]
-        also = [told[i + 2] not in got for i in range(0, 3 * CHUNK - 3, 3)] + [False]
+        found.wrong += len(got.difference(expected))
+        lost = [expected[i + 1] not in got for i in range(0, 3 * CHUNK, 3)]
+        also = [expected[i + 2] not in got for i in range(0, 3 * CHUNK - 3, 3)] + [False]
         found.lost = max(found.lost, *(int(a) + int(b) for a, b in zip(lost, also, strict=True)))
         found.strings += CHUNK
     return found

@@ -29,7 +29,7 @@ COLUMNS = (
 MOST_BYTES = 20_000_000
 WORDS = ('what', 'unit', 'compared', 'method')
 NUMBERS = ('ours', 'paper', 'peer', 'bound', 'aim', 'us_single', 'us_batch')
-TOLD = re.compile(r'aria-label="([^"]*)"')
+LABEL = re.compile(r'aria-label="([^"]*)"')
 SIZE = re.compile(r'viewBox="0 0 ([\d.]+) ([\d.]+)"')
 
 
@@ -82,8 +82,8 @@ class Row:
 
     def cells(self) -> tuple[str | float | None, ...]:
         """Cells of the printed table, in the order of `COLUMNS`."""
-        told = {**asdict(self), 'held': {None: '', True: 'held', False: 'MISSED'}[self.held]}
-        return tuple(told[name] for name in COLUMNS)
+        cells = {**asdict(self), 'held': {None: '', True: 'held', False: 'MISSED'}[self.held]}
+        return tuple(cells[name] for name in COLUMNS)
 
 
 @dataclass(frozen=True)
@@ -162,8 +162,8 @@ def frame_us(
 
 def inside(error: Array, sigma: Array, sigmas: float = 1.0) -> list[float]:
     """Per cent of finite errors (s,) inside some sigmas: of all, of thirds by the sigma (s,)."""
-    told = np.isfinite(error)
-    error, sigma = error[told], sigma[told]
+    finite = np.isfinite(error)
+    error, sigma = error[finite], sigma[finite]
     order = np.argsort(sigma, kind='stable')
     right = np.abs(error) < sigmas * sigma
     return [100 * float(right[rows].mean()) for rows in (order, *np.array_split(order, 3))]
@@ -217,17 +217,17 @@ def read_bench(path: Path) -> BenchFile:
     Raises TactileError if it is neither, is damaged or larger than any result.
     """
     try:
-        told = json.loads(_read(path))
-        if isinstance(told, dict) and 'recordings' in told:
-            told = _replayed(told, path.stem)
+        source = json.loads(_read(path))
+        if isinstance(source, dict) and 'recordings' in source:
+            source = _replayed(source, path.stem)
         result = BenchResult(
-            rows=[_row(row) for row in _entry(told, 'rows', list)],
-            bench=_entry(told, 'bench', str),
-            command=_entry(told, 'command', str),
-            seed=[int(seed) for seed in _entry(told, 'seed', list)],
-            notes=[str(note) for note in _entry(told, 'notes', list, [])],
+            rows=[_row(row) for row in _entry(source, 'rows', list)],
+            bench=_entry(source, 'bench', str),
+            command=_entry(source, 'command', str),
+            seed=[int(seed) for seed in _entry(source, 'seed', list)],
+            notes=[str(note) for note in _entry(source, 'notes', list, [])],
         )
-        around = {str(k): str(v) for k, v in _entry(told, 'environment', dict).items()}
+        around = {str(k): str(v) for k, v in _entry(source, 'environment', dict).items()}
     except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
         msg = f'{path} is no result of a bench or replay: {str(error).splitlines()[0]}'
         raise TactileError(msg) from error
@@ -246,10 +246,10 @@ def _read(path: Path) -> bytes:
     raise TactileError(msg)
 
 
-def _replayed(told: dict[str, object], name: str) -> dict[str, object]:
+def _replayed(source: dict[str, object], name: str) -> dict[str, object]:
     """A saved replay as a bench: mean error of places (mm), root mean square of all else."""
     rows = []
-    for recording in told['recordings']:
+    for recording in source['recordings']:
         names = [answer['estimator'] for answer in recording['answers']]
         for answer in recording['answers']:
             method = answer['estimator']
@@ -266,15 +266,15 @@ def _replayed(told: dict[str, object], name: str) -> dict[str, object]:
                     'better': 'low', 'us_single': answer['us_single'],
                     'us_batch': answer['us_batch'], 'compared': what, 'method': method,
                 })  # fmt: skip
-    notes = [f'left out: {sentence}' for sentence in told['failed'].values()]
+    notes = [f'left out: {sentence}' for sentence in source['failed'].values()]
     return {
-        **told, 'bench': f'replay {name}', 'seed': [], 'rows': rows, 'notes': notes,
+        **source, 'bench': f'replay {name}', 'seed': [], 'rows': rows, 'notes': notes,
     }  # fmt: skip
 
 
-def _entry(told: object, name: str, kind: type[T], default: T | None = None) -> T:
+def _entry(source: object, name: str, kind: type[T], default: T | None = None) -> T:
     """An entry of the document, of the right kind."""
-    found = told.get(name) if isinstance(told, dict) else None
+    found = source.get(name) if isinstance(source, dict) else None
     found = default if found is None else found
     if not isinstance(found, kind):
         msg = f'{name} must be {kind.__name__}; received {type(found).__name__}'
@@ -282,24 +282,24 @@ def _entry(told: object, name: str, kind: type[T], default: T | None = None) -> 
     return found
 
 
-def _row(told: object) -> Row:
+def _row(source: object) -> Row:
     """One figure; keys that are not known here are left out."""
-    better = 'high' if _entry(told, 'better', str) == 'high' else 'low'
-    words = {name: str(told.get(name, '')) for name in WORDS}
-    numbers = {name: _number(name, told.get(name)) for name in NUMBERS}
-    seeds = [_number('by_seed', one) for one in _entry(told, 'by_seed', list, [])]
+    better = 'high' if _entry(source, 'better', str) == 'high' else 'low'
+    words = {name: str(source.get(name, '')) for name in WORDS}
+    numbers = {name: _number(name, source.get(name)) for name in NUMBERS}
+    seeds = [_number('by_seed', one) for one in _entry(source, 'by_seed', list, [])]
     kept = tuple(one for one in seeds if one is not None)
     return Row(**words, **numbers, better=better, by_seed=kept)
 
 
-def _number(name: str, told: object) -> float | None:
+def _number(name: str, value: object) -> float | None:
     """A number or nothing."""
-    if told is None:
+    if value is None:
         return None
-    if isinstance(told, bool) or not isinstance(told, (int, float)) or not math.isfinite(told):
-        msg = f'{name} must be a number or null; received {told!r}'
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        msg = f'{name} must be a number or null; received {value!r}'
         raise TypeError(msg)
-    return float(told)
+    return float(value)
 
 
 def pictures(folder: Path, bench: str) -> tuple[Picture, ...]:
@@ -310,8 +310,8 @@ def pictures(folder: Path, bench: str) -> tuple[Picture, ...]:
             continue
         svg = path.read_bytes()
         head = svg[:2000].decode(errors='replace')
-        told, size = TOLD.search(head), SIZE.search(head)
+        label, size = LABEL.search(head), SIZE.search(head)
         name = path.stem[len(bench) + 1 :].replace('_', ' ')
         wide, high = (float(size[1]), float(size[2])) if size else (480.0, 320.0)
-        found.append(Picture(name, unescape(told[1]) if told else '', svg, (wide, high)))
+        found.append(Picture(name, unescape(label[1]) if label else '', svg, (wide, high)))
     return tuple(found)

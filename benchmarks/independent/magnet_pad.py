@@ -62,10 +62,10 @@ def mounted(session: int) -> tuple[Array, dict[str, Array], Truth]:
     """One mounting in one stream: values, tare and stream, truth; frames at rest first."""
     rest = DATA[f'session{session}_rest']
     values, truth = touched(f'session{session}')
-    for key, told in truth.items():
-        blank = 0 if key == 'in_contact' else np.nan if told.dtype.kind == 'f' else -1
-        before = np.full((len(rest), *told.shape[1:]), blank, told.dtype)
-        truth[key] = np.concatenate([before, told])
+    for key, column in truth.items():
+        blank = 0 if key == 'in_contact' else np.nan if column.dtype.kind == 'f' else -1
+        before = np.full((len(rest), *column.shape[1:]), blank, column.dtype)
+        truth[key] = np.concatenate([before, column])
     values = np.concatenate([rest, values])
     stream = np.full(len(values), session)
     columns = {'tare': marked(len(values), len(rest)), 'stream': stream}

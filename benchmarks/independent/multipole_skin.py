@@ -58,9 +58,9 @@ def presses(pipeline: Pipeline, windows: Array, **truth: Array) -> Recording:
     change = np.concatenate([np.zeros((count, 1, 60)), np.swapaxes(windows, 1, 2)], 1)
     first = np.arange(ROWS * count) % ROWS == 0
     truth = {**truth, 'in_contact': np.ones(count, int)}
-    rows = {key: np.repeat(np.asarray(told), ROWS, axis=0) for key, told in truth.items()}
-    for key, told in rows.items():
-        told[first] = 0 if key == 'in_contact' else -1 if told.dtype.kind == 'i' else np.nan
+    rows = {key: np.repeat(np.asarray(column), ROWS, axis=0) for key, column in truth.items()}
+    for key, column in rows.items():
+        column[first] = 0 if key == 'in_contact' else -1 if column.dtype.kind == 'i' else np.nan
     since = np.tile(np.arange(ROWS) * 50_000_000, count)
     stamp = (np.repeat(np.arange(count) * 10**10, ROWS) + since).astype(np.int64)
     return recording(

@@ -241,8 +241,8 @@ def run_grasps(output: Path, seed: int, as_json: bool = False) -> int:
         print('faults during a grasp through the nodes', file=sys.stderr, flush=True)
         from benchmarks.worlds.grip_faults import fault_rows
 
-        rows, told, drawn = fault_rows('quick')
-        found = Found(found.rows + rows, found.notes + told, {**found.drawings, **drawn})
+        rows, notes, drawn = fault_rows('quick')
+        found = Found(found.rows + rows, found.notes + notes, {**found.drawings, **drawn})
     command = f'tactile demo grasp --seed {seed}'
     result = BenchResult('grasp', command, [seed], found.rows, found.notes, found.drawings)
     show(COLUMNS, [row.cells() for row in result.rows], f'grasp: {command}', as_json)

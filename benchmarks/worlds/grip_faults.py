@@ -289,13 +289,13 @@ def fault_rows(extent: str) -> tuple[list[Row], list[str], dict[str, str]]:
         os.environ.setdefault(name, value)
     traces: dict[str, list[Suffered]] = {}
     rows: list[Row] = []
-    told = [
+    notes = [
         f'Faults during a grasp of {TARGET:g} N on twins and a fake hand: fault | reaction | time'
     ]
 
     def keep(hand: str, name: str, found: list[Row], sentence: str) -> None:
         rows.extend(replace(row, what=f'{hand}: fault, {name}: {row.what}') for row in found)
-        told.append(f'{hand}: {name} | {sentence}')
+        notes.append(f'{hand}: {name} | {sentence}')
 
     for hand in HANDS if extent != 'quick' else [*HANDS][:1]:
         with ExitStack() as held:
@@ -307,7 +307,7 @@ def fault_rows(extent: str) -> tuple[list[Row], list[str], dict[str, str]]:
                 keep(hand, fault.name, *found)
             for phase in KILLED_IN[-1:] if extent == 'quick' else KILLED_IN:
                 keep(hand, f'grip_node killed in {phase.name}', *scene.die(phase))
-    return rows, told, {'faults': drawn(traces)}
+    return rows, notes, {'faults': drawn(traces)}
 
 
 def is_posture(message: object) -> bool:

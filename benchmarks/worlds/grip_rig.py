@@ -49,7 +49,7 @@ FORCE = 1.5  # N, of the press that the boards play, and of the grasp
 KEPT, REST = 512, 200  # noisy frames of it that are played again and again, after a rest
 LOOK_S = 5e-3
 LOCK = 'futex'  # in the name of the kernel function that waits for a lock
-UNTOLD = 'this system does not tell what its threads waited for'
+UNKNOWN = 'this system does not tell what its threads waited for'
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ def _calibrated(
 
 @dataclass
 class Helper:
-    """A process that reports and ends when it is told."""
+    """A process that reports and ends when it is asked."""
 
     work: Callable[[Connection], None]
     ours: Connection = field(init=False)
@@ -193,12 +193,12 @@ def listener(pipe: Connection) -> None:
 
     rclpy.init()
     node = Node('listening_hand')
-    hand, told = Hand(node), False
+    hand, reported = Hand(node), False
     while not pipe.poll():
         rclpy.spin_once(node, timeout_sec=0.05)
-        if len(hand.heard) > 10 and not told:
+        if len(hand.heard) > 10 and not reported:
             pipe.send('commands come')
-            told = True
+            reported = True
     pipe.send(np.array(hand.heard, np.int64).reshape(-1, 3).T)
     node.destroy_node()
     rclpy.try_shutdown()
@@ -351,8 +351,8 @@ def watched(pid: int, threads: list[int], seconds: float) -> str:
     if slept:
         parts['slept until a lock was free'] = sum(slept) / len(seen)
         parts['slept until bytes came'] = slept.count(False) / len(seen)
-    told = ', '.join(f'{what} for {100 * share:.0f} %' for what, share in parts.items())
-    return f'the threads that read and answer, of the time: {told}' if told else UNTOLD
+    waits = ', '.join(f'{what} for {100 * share:.0f} %' for what, share in parts.items())
+    return f'the threads that read and answer, of the time: {waits}' if waits else UNKNOWN
 
 
 def _scheduled(places: list[Path]) -> Array:

@@ -45,13 +45,13 @@ EXPECTED = (68.27, 95.45)
 
 
 def rows(extent: str) -> list[Row]:
-    """Tubes, the jaw, and trust."""
+    """Tubes, the jaw, and coverage of sigmas."""
     count = COUNTS[extent]
     tubes = [row for profile in PROFILES for row in _tubes(profile, count)]
-    trust = [
-        row for name, told in gathered(TRUSTED[extent]).items() for row in _distances(name, *told)
+    shares = [
+        row for name, pair in gathered(TRUSTED[extent]).items() for row in _distances(name, *pair)
     ]
-    return tubes + _jaw(count) + trust
+    return tubes + _jaw(count) + shares
 
 
 def _states(pipeline: Pipeline, values: Array) -> ContactStates:
@@ -94,8 +94,8 @@ def _tubes(profile: str, count: int) -> list[Row]:
     )  # fmt: skip
 
     def forces(pose: Array) -> Array:
-        told = world.on_tube(*_own(array, pose), RADIUS, BEND, min(pose[3], 9.9e-3), profile)
-        return np.asarray(pose[4] / array.areas[0] * array.forces(told))
+        cover = world.on_tube(*_own(array, pose), RADIUS, BEND, min(pose[3], 9.9e-3), profile)
+        return np.asarray(pose[4] / array.areas[0] * array.forces(cover))
 
     states = _states(pipeline, skin.read(np.array([forces(pose) for pose in poses]), rng))
     turn = np.abs(_circular(states.yaw - poses[:, 2]))
@@ -127,8 +127,8 @@ def _jaw(count: int) -> list[Row]:
     )  # fmt: skip
 
     def forces(pose: Array) -> Array:
-        told = world.on_polygon(*_own(array, pose), PART)
-        return np.asarray(pose[3] / array.areas[0] * array.forces(told))
+        cover = world.on_polygon(*_own(array, pose), PART)
+        return np.asarray(pose[3] / array.areas[0] * array.forces(cover))
 
     states = _states(pipeline, skin.read(np.array([forces(pose) for pose in poses]), rng))
     turn = np.abs(_circular(states.yaw - poses[:, 2]))
@@ -175,10 +175,10 @@ def _trusted(layout: str, law: str, seed: int, count: int) -> dict[str, tuple[Ar
     def pressed(which: int, at: Array) -> Array:
         """Covered area (t,) (m2) of every taxel under a part."""
         if which < len(RINGS):
-            told = world.on_washer(array.x - at[0], array.y - at[1], *RINGS[which])
+            cover = world.on_washer(array.x - at[0], array.y - at[1], *RINGS[which])
         else:
-            told = world.on_polygon(*_own(array, at), CORNERS[which - len(RINGS)])
-        return np.asarray(array.forces(told))
+            cover = world.on_polygon(*_own(array, at), CORNERS[which - len(RINGS)])
+        return np.asarray(array.forces(cover))
 
     cover = np.array([pressed(i, p) for i, p in zip(label, pose, strict=True)])
     force = rng.uniform(0.8, 1.8, (count, 1)) * cover / array.areas.mean()

@@ -372,7 +372,7 @@ DRAWINGS: dict[str, str] = {
         ),
     ),
     'floors': stacked(
-        'Floors of the house: imports run downward',
+        'Floors: imports run downward',
         ('nodes, cli', ('ROS 2 and the command line',), ()),
         ('simulation, evaluation, view', ('hands, figures, a page in the browser',), ('import',)),
         ('sensors, hands', ('a folder for each sensor; descriptions of hands',), ('import',)),

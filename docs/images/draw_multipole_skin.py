@@ -93,7 +93,7 @@ def confusion() -> str:
 def _svg(width: int, height: int, drawn: list[str]) -> str:
     """A whole drawing."""
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}">'
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" viewBox="0 0 {width} {height}">'
         f'{STYLE}<rect class="card" width="{width}" height="{height}"/>{"".join(drawn)}</svg>\n'
     )
 
