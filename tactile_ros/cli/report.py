@@ -49,9 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('-o', '--output', type=Path, help='the page (report.html beside them)')
     parser.add_argument('--png', type=Path, help='folder of the drawings as PNG, where wanted')
     add_overwrite(parser)
-    told = parser.add_mutually_exclusive_group()
-    told.add_argument('--json', action='store_true', help='print the table as JSON')
-    told.add_argument('--markdown', action='store_true', help='print the table of the README')
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument('--json', action='store_true', help='print the table as JSON')
+    form.add_argument('--markdown', action='store_true', help='print the table of the README')
 
 
 def run(options: argparse.Namespace) -> int:

@@ -78,8 +78,8 @@ class Equilibration:
         scale = load + RELATIVE * load.max(axis=0, initial=0.0) + 1e-12
         self.errors_ = {}
         for name, miss in misses.items():
-            told = np.isfinite(miss)
-            wrong = float(np.sqrt(np.square(miss / scale)[told].mean())) if told.any() else np.inf
+            good = np.isfinite(miss)
+            wrong = float(np.sqrt(np.square(miss / scale)[good].mean())) if good.any() else np.inf
             self.errors_[name] = wrong
         best = min(names, key=lambda name: self.errors_[name] / MARGINS[name])
         self.held_out_ = misses[best]
@@ -88,12 +88,12 @@ class Equilibration:
 
     def _held_out(self, name: str, u: Array, load: Array, known: Bools, groups: Integers) -> Array:
         """Errors (s, t) of a law on groups that it had not seen; NaN where there are none."""
-        told = known.any(axis=1)
-        split = groups[told]
+        some = known.any(axis=1)
+        split = groups[some]
         if len(np.unique(split)) < FOLDS:  # too few groups bear loads: rows are held out
-            split = u[told].sum(axis=1)
+            split = u[some].sum(axis=1)
         fold = np.zeros(len(u), np.int64)
-        fold[told] = np.unique(split, return_inverse=True)[1].reshape(-1) % FOLDS
+        fold[some] = np.unique(split, return_inverse=True)[1].reshape(-1) % FOLDS
         miss = np.full(u.shape, np.nan)
         for i in range(FOLDS):
             held = fold == i
@@ -174,10 +174,10 @@ def _polynomials(u: Array, load: Array, known: Bools, seen: Bools) -> Array:
 
 def _powers(u: Array, load: Array, known: Bools, seen: Bools, top: Array) -> Array:
     """Weights (t, 3) of a power law: for each bend a straight line through logarithms."""
-    told = known & (load > 0) & (u > 2e-3 * top)
+    used = known & (load > 0) & (u > 2e-3 * top)
     most = load.max(axis=0, initial=0.0) + 1e-12
-    log_load = np.log(np.where(told, load, 1.0))
-    share = np.where(told, np.square(load / (load + LIGHT * most)), 0.0)
+    log_load = np.log(np.where(used, load, 1.0))
+    share = np.where(used, np.square(load / (load + LIGHT * most)), 0.0)
     best = np.full(u.shape[1], np.inf)
     found = np.full((u.shape[1], 3), np.nan)
     bends, step = np.zeros(u.shape[1]) + BENDS[:, None], BENDS[1]
@@ -187,7 +187,7 @@ def _powers(u: Array, load: Array, known: Bools, seen: Bools, top: Array) -> Arr
             bends = np.clip(around + step * np.linspace(-0.9, 0.9, 13)[:, None], 0.0, BENDS[-1])
         for bend in bends:
             c = bend / top
-            x = np.where(told, np.log(np.where(told, u, 1.0)) - np.log1p(-c * u), 0.0)
+            x = np.where(used, np.log(np.where(used, u, 1.0)) - np.log1p(-c * u), 0.0)
             weight, wrong = _line(x, log_load, share)
             better = seen & (wrong < best) & (weight[:, 1] > 0.1)
             best = np.where(better, wrong, best)

@@ -181,9 +181,9 @@ def fit_creep(history: History) -> tuple[Creep, Array] | None:
             best = float(found.fun), np.exp(np.sort(found.x)), best[2]
     if not len(best[1]):
         return None
-    told = [_fit_taxel(history, best[1], rows, best[2], k) for k in range(taxels)]
-    share = np.maximum(np.array([one[0] for one in told]).T, 0.0)
-    return Creep(best[1], share, best[2]), np.array([one[1] for one in told])
+    fits = [_fit_taxel(history, best[1], rows, best[2], k) for k in range(taxels)]
+    share = np.maximum(np.array([one[0] for one in fits]).T, 0.0)
+    return Creep(best[1], share, best[2]), np.array([one[1] for one in fits])
 
 
 def _longest(history: History) -> float:

@@ -172,8 +172,8 @@ class Finger:
 
     def contradiction(self, pressed: float, closure: float, dt: float) -> str:
         """Contradiction of its force by a drive that presses (N) at a closure; empty: none."""
-        told = pressed - self.law.trailing * self.law.plant.own
-        return self._denied(told, dt) if self.touching else self._leans(told, closure, dt)
+        push = pressed - self.law.trailing * self.law.plant.own
+        return self._denied(push, dt) if self.touching else self._leans(push, closure, dt)
 
     def _leans(self, pressed: float, joints: float, dt: float) -> str:
         """Contradiction of a finger that moves and feels nothing; empty: none.

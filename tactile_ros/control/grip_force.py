@@ -465,7 +465,7 @@ class GripForce:
         """Speed (1/s) of a drive that nothing touches; one that feels nothing stays.
 
         A hand that is opened beyond its open posture comes to that as fast as it opens. A drive
-        that is measured behind its model reacts later than was told, or moves slower: the way
+        that is measured behind its model reacts later than was stated, or moves slower: the way
         that it lacks counts as part of that of a reaction.
         """
         if not any(finger.good and finger.used for finger in fingers):

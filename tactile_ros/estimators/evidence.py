@@ -144,8 +144,8 @@ def learn_noise(
 def _widening(off: Array, variance: Array) -> float:
     """Factor of a prior's sigma with most evidence; independent values, in units of the prior."""
     size = np.clip(variance, 1e-12, 1.0)[:, None]
-    told = 1 / size - 1  # information of what is beside this prior
+    info = 1 / size - 1  # information of what is beside this prior
     square = (off[:, None] / size) ** 2
     wide = FACTORS**2
-    evidence = 0.5 * (square * wide / (1 + told * wide) - np.log1p(told * wide)).sum(axis=0)
+    evidence = 0.5 * (square * wide / (1 + info * wide) - np.log1p(info * wide)).sum(axis=0)
     return float(FACTORS[np.argmax(evidence - HYPER * np.log(FACTORS) ** 2)])

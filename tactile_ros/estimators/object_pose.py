@@ -419,14 +419,14 @@ class ObjectPose:
         self.labels: list[int] = []
         self.objects: tuple[list[ObjectFields], list[ObjectFields]] = ([], [])
         for label, one in enumerate(objects):
-            for points, told in zip((self.coarse, self.fine), self.objects, strict=True):
+            for points, made in zip((self.coarse, self.fine), self.objects, strict=True):
                 if isinstance(one, LearnedFields):
-                    told.append(one.fields(points.radius))
+                    made.append(one.fields(points.radius))
                 elif one.bend is not None:
-                    told.extend(tube_fields(one, points.radius, self.reach))
+                    made.extend(tube_fields(one, points.radius, self.reach))
                 else:
                     count = 3 if points is self.fine else 1
-                    told.append(outline_fields(one, points.radius, count))
+                    made.append(outline_fields(one, points.radius, count))
             self.labels += [label] * (len(self.objects[0]) - len(self.labels))
         self.edges = [self._edges(*pair) for pair in zip(*self.objects, strict=True)]
         self._templates()
@@ -646,15 +646,15 @@ class ObjectPose:
         best = min(ends, key=lambda end: end.cost)
         for end in ends:
             end.cost = end.prior + cost_of(end.force, y, best.total, stray_density(top))
-        told = np.array([self._evidence(end) for end in ends])
-        told = np.where(np.isfinite(told), told, -1e9)
-        part = np.exp(told - told.max())
+        logp = np.array([self._evidence(end) for end in ends])
+        logp = np.where(np.isfinite(logp), logp, -1e9)
+        part = np.exp(logp - logp.max())
         of_label: dict[int, float] = {}
         for end, one in zip(ends, part / part.sum(), strict=True):
             key = self.labels[end.index]
             of_label[key] = of_label.get(key, 0.0) + float(one)
         label = max(of_label, key=lambda k: of_label[k])
-        mine = [i for i in np.argsort(-told) if self.labels[ends[i].index] == label]
+        mine = [i for i in np.argsort(-logp) if self.labels[ends[i].index] == label]
         best = ends[mine[0]]
         miss = np.abs(y - best.force)
         touched = np.isfinite(variance) & (np.maximum(y, best.force) > PRESENT * top)

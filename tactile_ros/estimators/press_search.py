@@ -42,9 +42,9 @@ def shape_misfits(miss: Array, slopes: Array, away: Array) -> Array:
     rows = np.concatenate([unit, away], axis=1)
     own = np.append(np.full(free, MIXTURE_DAMPING), np.ones(heads))
     low = np.linalg.cholesky(np.matmul(rows, np.swapaxes(rows, 1, 2)) + np.diag(own))
-    told = np.linalg.solve(low, np.matmul(rows, miss[..., None]))[:, free:, 0]
+    gain = np.linalg.solve(low, np.matmul(rows, miss[..., None]))[:, free:, 0]
     left = np.square(np.linalg.inv(low[:, free:, free:])).sum(axis=(1, 2))
-    return np.asarray(np.square(told).sum(axis=1) / np.maximum(heads - left, FEWEST))
+    return np.asarray(np.square(gain).sum(axis=1) / np.maximum(heads - left, FEWEST))
 
 
 USUAL = 0.12  # of the body: depth of the templates that are searched

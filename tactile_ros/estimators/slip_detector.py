@@ -80,9 +80,9 @@ class SlipDetector:
         scores = [
             max(float(self._score(*parts).max()), 0.0) for parts in inside_pull + inside_rest
         ]
-        told = np.arange(len(scores)) < len(pulls)
-        self.slope_ = _slope(np.log(np.clip(scores, np.exp(-FARTHEST), np.exp(FARTHEST))), told)
-        self.report_ = {**_judged(np.array(scores) > 1, told), 'rows': float(len(x))}
+        slid = np.arange(len(scores)) < len(pulls)
+        self.slope_ = _slope(np.log(np.clip(scores, np.exp(-FARTHEST), np.exp(FARTHEST))), slid)
+        self.report_ = {**_judged(np.array(scores) > 1, slid), 'rows': float(len(x))}
         return self
 
     def predict(self, x: Array) -> Array:
@@ -161,14 +161,14 @@ def _level(pulled: Array, rested: Array) -> float:
     return float(grid[(missed + alarms).argmin()])
 
 
-def _slope(scores: Array, told: Bools) -> float:
+def _slope(scores: Array, slid: Bools) -> float:
     """Slope of balanced log odds over scores (n,), by maximum likelihood.
 
     Targets are drawn in by one sequence of either kind (J. Platt, 1999), so that it is finite.
     """
-    count = np.array([(~told).sum(), told.sum()], np.float64)
-    target = np.where(told, (count[1] + 1) / (count[1] + 2), 1 / (count[0] + 2))
-    weight = np.where(told, 1 / count[1], 1 / count[0])
+    count = np.array([(~slid).sum(), slid.sum()], np.float64)
+    target = np.where(slid, (count[1] + 1) / (count[1] + 2), 1 / (count[0] + 2))
+    weight = np.where(slid, 1 / count[1], 1 / count[0])
 
     def rise(slope: float) -> float:
         said = 1.0 / (1.0 + np.exp(-slope * scores))
@@ -179,15 +179,15 @@ def _slope(scores: Array, told: Bools) -> float:
     return float(brentq(rise, FLATTEST, STEEPEST, xtol=1e-12))
 
 
-def _judged(said: Bools, told: Bools) -> dict[str, float]:
+def _judged(said: Bools, slid: Bools) -> dict[str, float]:
     """Errors on sequences whose patterns the basis had not seen."""
-    missed, alarms = int((told & ~said).sum()), int((said & ~told).sum())
-    wrong = 0.5 * float(missed / told.sum() + alarms / (~told).sum())
+    missed, alarms = int((slid & ~said).sum()), int((said & ~slid).sum())
+    wrong = 0.5 * float(missed / slid.sum() + alarms / (~slid).sum())
     return {
         'held_out_balanced_accuracy': 1 - wrong,
-        'groups': float(len(told)),
-        'sequences_that_slip': float(told.sum()),
-        'sequences_that_hold': float((~told).sum()),
+        'groups': float(len(slid)),
+        'sequences_that_slip': float(slid.sum()),
+        'sequences_that_hold': float((~slid).sum()),
         'missed': float(missed),
         'false_alarms': float(alarms),
     }

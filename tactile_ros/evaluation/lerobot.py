@@ -137,8 +137,8 @@ class Images:
                 continue
             step = max(1, min(image.shape[:2]) // PIXELS)
             found.append(image[::step, ::step].reshape(-1, 3) / 255.0)
-        told = statistics(np.concatenate(found), count)
-        return {k: v if k == 'count' else [[[one]] for one in v] for k, v in told.items()}
+        made = statistics(np.concatenate(found), count)
+        return {k: v if k == 'count' else [[[one]] for one in v] for k, v in made.items()}
 
 
 def hand_feature(topic: str, kind: str) -> str:
@@ -173,8 +173,8 @@ class HandBag(export.ExportBag):
         """Say what was not exported."""
         super().finish()
         for topic, images in self.images.items():
-            told = images.left_out.items()
-            self.sentences += [f'{count} images of {topic} {why}' for why, count in told]
+            lost = images.left_out.items()
+            self.sentences += [f'{count} images of {topic} {why}' for why, count in lost]
 
     def joints(self, feature: str) -> Series | None:
         """Values of all topics and joints that give a feature; None: the bag has none.

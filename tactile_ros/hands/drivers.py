@@ -218,8 +218,8 @@ def read_command(kind: str, message: Message, joints: tuple[str, ...]) -> tuple[
         fits = len(values) == len(message.joint_names)
         values = values[place] if fits else values
     else:
-        told = message.position if kind == JOINT_STATE else message.data
-        values = np.asarray(told, np.float64)
+        read = message.position if kind == JOINT_STATE else message.data
+        values = np.asarray(read, np.float64)
     if values.shape != (len(joints),) or not np.isfinite(values).all():
         msg = f'a command must be {len(joints)} finite numbers; received {values.tolist()}'
         raise ValueError(msg[:300])

@@ -181,9 +181,9 @@ class HandJoints:
 
         The smaller of what leads and efforts tell: a command that has not come yet is no torque.
         """
-        told = self._torqued(effort, len(lead))
+        held = self._torqued(effort, len(lead))
         by_lead = np.array([finger.force_of(lead[place]) for finger, place in self._drives])
-        by_effort = np.array([finger.force_of(told[place]) for finger, place in self._drives])
+        by_effort = np.array([finger.force_of(held[place]) for finger, place in self._drives])
         return np.where(np.isnan(by_effort), by_lead, np.minimum(by_lead, by_effort))
 
     def take_effort(self, lead: Array, effort: Array | None) -> None:
@@ -196,10 +196,10 @@ class HandJoints:
         moved = np.ptp([sent for _, sent in self._sent], axis=0)
         moved = np.maximum(moved, np.abs(lead - self._last_lead))  # damping is no gain
         self._last_lead = lead
-        told = np.abs(lead) > np.maximum(LEADING, moved / STEADY)
-        ratio = np.where(told, np.abs(effort) / np.where(told, np.abs(lead), 1.0), np.nan)
+        firm = np.abs(lead) > np.maximum(LEADING, moved / STEADY)
+        ratio = np.where(firm, np.abs(effort) / np.where(firm, np.abs(lead), 1.0), np.nan)
         self._gain += LEARNING * np.fmax(ratio - self._gain, 0.0)
-        self._full = np.where(told, ratio < FULL_RATIO * self._gain, self._full)
+        self._full = np.where(firm, ratio < FULL_RATIO * self._gain, self._full)
 
     def stop(self) -> None:
         """The next command begins at the measured posture."""

@@ -146,7 +146,7 @@ class Recording:
             temperature_c = as_shape('temperature_c of Recording', temperature_c, (s, taxels))
         if status is not None:
             status = as_shape('status of Recording', status, (s, taxels)).astype(np.uint8)
-        told = {key: value for key, value in (truth or {}).items() if value is not None}
+        given = {key: value for key, value in (truth or {}).items() if value is not None}
         columns = {
             'stamp_ns': _column('stamp_ns', stamp_ns, s, np.int64),
             'sequence': _column('sequence', sequence, s, np.int64),
@@ -154,7 +154,7 @@ class Recording:
             'status': status,
             'stream': _column('stream', stream, s, np.int64),
             'tare': _column('tare', tare, s, np.bool_),
-            'truth': {key: _truth_column(key, value, s, taxels) for key, value in told.items()},
+            'truth': {key: _truth_column(key, value, s, taxels) for key, value in given.items()},
         }
         recording = cls(layout, table, **columns)  # type: ignore[arg-type]
         if recording.stamp_ns is not None and s > 1:

@@ -248,8 +248,8 @@ class PageServer(Closing):
         with self._news:
             if self._encoded[0] != self._version:
                 sensors = {name: frame_json(shown) for name, shown in self._shown.items()}
-                told = {'sensors': sensors, 'grips': self._grips, 'guide': self._guide}
-                self._encoded = (self._version, event('frames', told))
+                data = {'sensors': sensors, 'grips': self._grips, 'guide': self._guide}
+                self._encoded = (self._version, event('frames', data))
             return self._encoded
 
     def _places(self) -> tuple[int, bytes]:

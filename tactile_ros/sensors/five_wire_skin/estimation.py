@@ -291,11 +291,11 @@ class FiveWireEstimation(Estimation):
         self.force_ = self.creep_ = None
         rows = np.flatnonzero(signals.good & np.isfinite(force[:, 2]))
         rows = rows[np.lexsort(np.column_stack([x[rows], force[rows, 2]]).T)]
-        told = force[rows, 2:]
+        load = force[rows, 2:]
         if len(rows) < FEWEST_ROWS or np.ptp(x[rows, DIVIDER]) <= CONSTANT:
             return
-        self.most_ = float(told.max())
-        if np.ptp(told) <= LEAST_RANGE * np.abs(told).max():
+        self.most_ = float(load.max())
+        if np.ptp(load) <= LEAST_RANGE * np.abs(load).max():
             return
         place = self.place_.predict(x[:, self.potentials])[0]
         measured = np.isfinite(position[:, :2]).all(axis=1, keepdims=True)
@@ -305,7 +305,7 @@ class FiveWireEstimation(Estimation):
         noise = 0.0 if np.isnan(self.touch_.noise) else self.touch_.noise
         power = PowerLawForce(noise, self.size, self.series) if self.wanted is None else None
         network = RbfForce()
-        chosen = Choice('', network).fit(network, features[rows], told, group[rows], power)
+        chosen = Choice('', network).fit(network, features[rows], load, group[rows], power)
         self.force_, chosen.name = chosen, self.wanted or chosen.name
         if signals.stamp_ns is not None and chosen.estimator_ is power:
             self._fit_creep(signals, features, force[:, 2], group, rows)

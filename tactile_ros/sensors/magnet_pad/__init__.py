@@ -6,8 +6,8 @@ magnets, and the six readings tell which cell of the surface is touched: [2] vot
 nearest training samples (K = 1, 5, 10) for one of 6, 15 or 25 cells. Two conditions make a good
 design: no chip saturates under the largest force, and the least force moves at least one chip's
 reading by more than it can resolve. Here the cell is voted or follows from the place, place and
-force are regressed from the change of field, stray fields are told from touches by what the chips
-have in common, and before any truth is told the nominal model of the pad answers.
+force are regressed from the change of field, what the chips have in common separates stray fields
+from touches, and without any truth the nominal model of the pad answers.
 
 Source: [2] on the design of a soft tactile sensor with permanent magnets and Hall elements.
 """

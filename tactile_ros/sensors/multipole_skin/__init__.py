@@ -5,7 +5,7 @@ A sheet of silicone with magnetic particles, magnetised in bands of alternating 
 on a soft layer over five clusters of four MLX90393. A press dents the sheet and squeezes it
 sideways; the change of field at the chips is a picture of the contact's shape and turn. [1] cuts
 windows of ten frames from it and recognises measuring heads from few presses by a network with
-prototypes. Here shape, turn and place are told by templates of the sheet's model and by classes
+prototypes. Here shape, turn and place come from templates of the sheet's model and from classes
 from few presses, or regressed and voted where those do not fit; each is chosen in `fit` by grouped
 cross-validation. The network of [1] (`pronet`) is one of the candidates that name heads.
 

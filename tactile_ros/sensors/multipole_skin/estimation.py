@@ -184,7 +184,7 @@ def lost_there(recogniser: Recogniser, new: SupportSet, number: int) -> dict[str
     """Share of the other classes that a class takes where it was pressed.
 
     A class is taken whole or not at all, by chance, since what its template or its presses are
-    wrong by is the same from press to press: either it is what pressed, as far as could be told
+    wrong by is the same from press to press: either it is what pressed, as far as it was known
     without the new class, or noise makes it alike. Of each that is more likely taken than not, the
     chance stands under its number; NaN where none is open.
     """
@@ -481,15 +481,15 @@ class MultipoleEstimation(Estimation):
             self._place(known, rows, answers, n)
         if 'yaw' in self.by_press_:
             deviation = np.sqrt(answers.cov[:, 2, 2])
-            told: Columns = {
+            more: Columns = {
                 'yaw': answers.pose[:, 2], 'yaw_std': deviation, 'symmetry': answers.order,
                 'object_pose': np.full((len(rows), 4, 4), np.nan),
                 'object_pose_cov': np.full((len(rows), 6, 6), np.nan),
             }  # fmt: skip
             if 'position' in self.by_press_:
                 place = np.asarray(known['position'][rows], np.float64)
-                told['object_pose'], told['object_pose_cov'] = object_pose(answers, place)
-            known.update({name: scatter_rows(column, rows, n) for name, column in told.items()})
+                more['object_pose'], more['object_pose_cov'] = object_pose(answers, place)
+            known.update({name: scatter_rows(column, rows, n) for name, column in more.items()})
         return known
 
     def _place(self, known: Columns, rows: Integers, answers: Answers, n: int) -> None:

@@ -424,10 +424,10 @@ class TaxelRegression(Regression):
             row, taxel = np.nonzero(lost & ~lost.all(axis=1, keepdims=True))
             others = self.near[taxel]
             pressure = forces[row[:, None], others] / areas[others]
-            told = np.isfinite(pressure)
-            told &= np.cumsum(told, axis=1) <= AROUND
-            total = np.where(told, pressure, 0.0).sum(axis=1)
-            load[row, taxel] = areas[taxel] * total / np.maximum(told.sum(axis=1), 1)
+            near = np.isfinite(pressure)
+            near &= np.cumsum(near, axis=1) <= AROUND
+            total = np.where(near, pressure, 0.0).sum(axis=1)
+            load[row, taxel] = areas[taxel] * total / np.maximum(near.sum(axis=1), 1)
         variance = np.square(self._parts(load) * load)
         if self.law_ is not None:
             variance += self.idle_**2

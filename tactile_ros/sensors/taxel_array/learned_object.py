@@ -122,10 +122,10 @@ class LearnedObject:
         points = TaxelPoints(config.positions, config.areas, config.taxel_outlines, count)
         away = points.points[None] - poses[:, None, :2]
         self.half = float(np.quantile(np.abs(away).max(axis=(1, 2)), 0.9)) * 1.1
-        told, weight = np.nan_to_num(force), np.isfinite(force) * usable / sigma
+        load, weight = np.nan_to_num(force), np.isfinite(force) * usable / sigma
         held = np.arange(len(poses)) % HELD_OUT == HELD_OUT - 1
         tried, errors = [], []
-        for frames, rough, basis, rounds in self._structures(points, poses, told, weight, ~held):
+        for frames, rough, basis, rounds in self._structures(points, poses, load, weight, ~held):
             fields = frames.some(~held).solve(rough, rounds)[0]
             tried.append((frames, rough, basis, rounds, fields))
             errors.append(float(np.mean(np.square(frames.some(held).amounts(fields)[1]))))

@@ -191,12 +191,12 @@ def _agree(columns: Columns, found: Patches, centred: bool) -> None:
     if centred:
         position[free], cov[free] = found.position[free, 0], found.position_cov[free, 0]
         return
-    told = free & np.isfinite(position).any(axis=1)
-    own = told & (found.count == 1)
+    seen = free & np.isfinite(position).any(axis=1)
+    own = seen & (found.count == 1)
     columns['contacts_position'][own, 0] = position[own]
     columns['contacts_position_cov'][own, 0] = cov[own]
     second = found.load[:, 1] if found.load.shape[1] > 1 else np.zeros(len(free))
-    several = told & (found.count > 1) & (np.nan_to_num(second) > SECOND * found.load[:, 0])
+    several = seen & (found.count > 1) & (np.nan_to_num(second) > SECOND * found.load[:, 0])
     # components that regressors never learned stay unknown
     blank = np.where(np.isnan(position[several]), np.nan, 0.0)
     position[several] = found.position[several, 0] + blank
