@@ -71,7 +71,7 @@ def with_guess(said: str, options: list[str] | None = None) -> str:
     if wrong is None or 'did you mean' in said:
         return said
     could = re.findall(r'[\w-]+', right[1]) if right else options or []
-    close = get_close_matches(wrong[1] or wrong[2], could, 1)
+    close = get_close_matches(wrong[1] or wrong[2], could, 1, 0.7)
     return said if not close or close[0] in wrong.groups() else f'{said}; did you mean {close[0]}?'
 
 

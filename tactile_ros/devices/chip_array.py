@@ -45,6 +45,7 @@ COUNTERS = {
     'stalls': 'measurements that did not become ready in time',
     'bus_errors': 'failures of a whole bus',
     'dropped': 'frames in which no chip could be read',
+    'temperatures_refused': 'frames of which every chip says a temperature that none can have',
 }
 
 
@@ -330,7 +331,8 @@ class ChipArray(Closing, Device):
         _, codes = self._decoder.words(self._answers)
         values, temperature_c = self._decoder.values(codes)
         if temperature_c is not None:
-            temperature_c = measured_temperature(temperature_c)
+            temperature_c, refused = measured_temperature(temperature_c)
+            self._counts['temperatures_refused'] += refused
         fresh = np.array([chip.fresh for chip in self._chips])
         status = self._faults.status(codes, values, measured, fresh)
         if not measured.all():

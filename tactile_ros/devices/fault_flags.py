@@ -19,13 +19,16 @@ MARGIN = 0.02  # share of the range at its ends that counts as saturated
 JUMP = 0.5  # of the range: the largest change from one reading to the next that is trusted
 
 
-def measured_temperature(chips: Array) -> Array:
+def measured_temperature(chips: Array) -> tuple[Array, int]:
     """Temperatures (..., t) (degrees Celsius), NaN where no chip can have them.
 
-    Exactly 0 on all chips of a frame is what boards send that measure none.
+    Exactly 0 on all chips of a frame is what boards send that measure none. Second: how many
+    frames have none, though chips sent some.
     """
     measured = (chips != 0).any(axis=-1, keepdims=True)
-    return plausible_temperature(np.where(measured, chips, np.nan))
+    found = plausible_temperature(np.where(measured, chips, np.nan))
+    refused = np.isnan(found).all(axis=-1) & ~np.isnan(chips).all(axis=-1)
+    return found, int(np.count_nonzero(refused))
 
 
 class StuckDetector:

@@ -129,11 +129,16 @@ def diagnose_stream(data: bytes, chips: int) -> str | None:
     other = board_size(data)
     if other not in (None, chips):
         return f'the stream has frames of {other} chips, not of {chips}: set chips to {other}'
+    if other is None and board_size(data, temperatures=False) == chips:
+        return 'every chip sends a temperature that none can have: mend its firmware, or send 0'
     return None
 
 
-def board_size(data: bytes) -> int | None:
-    """Count of chips whose frames fill `data`; None when no count fits three frames in a row."""
+def board_size(data: bytes, *, temperatures: bool = True) -> int | None:
+    """Count of chips whose frames fill `data`; None when no count fits three frames in a row.
+
+    Without `temperatures` these may be any.
+    """
     stream = np.frombuffer(data, np.uint8)
     ends = _after_terminators(stream)
     for chips in range(1, MOST_CHIPS + 1):
@@ -143,7 +148,7 @@ def board_size(data: bytes) -> int | None:
         runs = ends[: -2 * size] & ends[size:-size] & ends[2 * size :]
         for end in np.flatnonzero(runs[size:])[:8] + size:
             rows = stream[end - size : end + 2 * size].reshape(3, size)
-            if plausible(words(rows)).all():
+            if plausible(words(rows) * np.array([temperatures, 1, 1, 1], np.uint32)).all():
                 return chips
     return None
 

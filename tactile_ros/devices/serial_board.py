@@ -219,10 +219,8 @@ class SerialBoard(Closing, Device):
     ) -> None:  # fmt: skip
         """Number frames, count those lost before each, and queue them."""
         if temperature_c is not None:
-            missing = np.isnan(temperature_c).all(axis=-1)
-            temperature_c = measured_temperature(temperature_c)
-            refused = np.isnan(temperature_c).all(axis=-1) & ~missing
-            self._counts['temperatures_refused'] += int(np.count_nonzero(refused))
+            temperature_c, refused = measured_temperature(temperature_c)
+            self._counts['temperatures_refused'] += refused
         marked = np.any(status, axis=1)
         for i, gap in enumerate(lost):
             self._counts['dropped'] += gap

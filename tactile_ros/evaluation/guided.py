@@ -39,6 +39,7 @@ TOO_SHORT = 'held too short: press there again'
 RESTLESS = 'the readings wander: let go, keep magnets and cables away'
 NOT_BACK = 'let go: the readings do not come back (if nothing touches, begin again)'
 FOLDS = 4
+MOST_ROWS = 25
 WORSE = 2.0  # times the median: a place to press again
 RIM = 0.75  # of the farthest target from the middle
 UNKNOWN = np.full(3, np.nan)
@@ -380,11 +381,22 @@ class HeldOut:
         return ', '.join(words) or 'nothing is estimated'
 
 
+def _some_rows(press: Recording) -> Integers:
+    tare = np.zeros(len(press), bool) if press.tare is None else press.tare
+    rows = np.flatnonzero(~tare)
+    some = np.linspace(0, len(rows) - 1, min(MOST_ROWS, len(rows))).round().astype(np.int64)
+    return np.concatenate([np.flatnonzero(tare), rows[some]])
+
+
 def held_out(
     make: Callable[[], Pipeline], presses: Sequence[tuple[int, Recording]],
     targets: Sequence[Target],
 ) -> HeldOut:  # fmt: skip
-    """Errors of presses by calibrations on the others, a quarter of the places at a time."""
+    """Errors of presses by calibrations on the others, a quarter of the places at a time.
+
+    A press gives at most `MOST_ROWS` frames beside its rest, since a hold repeats itself.
+    """
+    presses = [(number, press.select(_some_rows(press))) for number, press in presses]
     groups = groups_of_places(presses, targets)
     errors = np.full((2, len(presses)), np.nan)
     for fold in range(min(FOLDS, len(set(groups.tolist())))):

@@ -122,6 +122,8 @@ def test_nothing_is_guessed_where_nothing_is_near() -> None:
     for said in ('x must be one of a, b; received 17', 'no such thing', 'a; did you mean b?',
                  "KEY must be none of reskin, x; received 'reskin'"):  # fmt: skip
         assert with_guess(said) == said
+    said = 'unrecognized arguments: --sensr'  # dashes alone are no likeness
+    assert with_guess(said, ['-h', '--help', '--quiet', '--json']) == said
 
 
 def test_quiet_keeps_the_table_and_the_failure(

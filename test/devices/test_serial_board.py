@@ -285,6 +285,14 @@ def test_chips_that_never_change_are_stuck_though_nothing_tells_their_noise() ->
     assert not marks_of(matrix, np.repeat(rows_of(matrix, 3, 0.0, 1), 1100, axis=0)).any()
 
 
+def test_reskin_board_says_that_its_temperatures_cannot_be(
+    port: SimulatedSerialPort, layout: Layout, rows: np.ndarray
+) -> None:
+    with ReskinBoard(port.port, layout) as board:
+        port.send(encode(rows[:8], -273.15))
+        assert 'every chip sends a temperature that none can have' in str(complaint(board, ''))
+
+
 def test_serial_board_of_chips_without_power_is_dead() -> None:
     counts = rows_of(CHIPS, 3, 2.0, 20)
     counts[10:] = 0

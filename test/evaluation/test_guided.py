@@ -285,6 +285,20 @@ def test_errors_are_of_places_that_were_not_learned() -> None:
     assert np.isfinite(found.force).all()
     assert 0.1 < np.sqrt(np.mean(found.force**2)) < 1.0
     assert str(found).startswith('force 0.')
+    # a hold of ten times as many frames costs no more, and has the same error
+    rows = [np.r_[np.flatnonzero(p.tare), np.repeat(np.flatnonzero(~p.tare), 10)]
+            for _, p in guide.presses]  # fmt: skip
+    longer = [(n, p.select(r)) for (n, p), r in zip(guide.presses, rows, strict=True)]
+    lengths: list[int] = []
+
+    class Counted(Summing):
+        def fit(self, one: Recording) -> Summing:
+            lengths.append(len(one))
+            return super().fit(one)
+
+    again = held_out(Counted, longer, guide.targets)
+    np.testing.assert_allclose(again.force, found.force, rtol=0.1)
+    assert max(lengths) <= 15 * (max(int(p.tare.sum()) for _, p in longer) + 25)
 
 
 def test_worst_presses_are_above_their_goal_or_twice_the_median() -> None:
