@@ -49,7 +49,7 @@ class ViewerNode(Node):
             )
             for kind, topic, callback in inputs:
                 path = f'{name}/{topic}' if name else topic
-                self.create_subscription(kind, path, partial(callback, name), qos(topic))
+                self.create_subscription(kind, path, partial(callback, name), qos(topic, WAITING))
 
     def tare(self, name: str) -> str:
         """Answer of contact_node of a namespace to a tare, in words; from another thread."""
