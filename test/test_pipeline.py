@@ -13,11 +13,7 @@ from hypothesis import strategies as st
 
 from tactile_ros.calibration import Arrays, digest, flatten, read, write
 from tactile_ros.errors import CalibrationError
-from tactile_ros.pipeline import (
-    Pipeline,
-    add_patches,
-    apply_contact,
-)
+from tactile_ros.pipeline import Pipeline, add_patches, apply_contact
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import (
     STATE_FIELDS,
@@ -124,9 +120,7 @@ def test_the_one_patch_is_where_the_contact_is() -> None:
 
 
 SENSOR = load_sensor('reskin_board')
-HYPOTHESIS = {
-    'suppress_health_check': [HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-}
+HYPOTHESIS = {'suppress_health_check': [HealthCheck.function_scoped_fixture, HealthCheck.too_slow]}
 
 
 @lru_cache

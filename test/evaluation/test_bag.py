@@ -24,13 +24,7 @@ from reference import made_bags as make
 from reference.made_bags import read_all
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import bag as bags
-from tactile_ros.evaluation.bag import (
-    BagWriter,
-    message_folder,
-    records,
-    schema_text,
-    type_hash,
-)
+from tactile_ros.evaluation.bag import BagWriter, message_folder, records, schema_text, type_hash
 
 STRING = 'std_msgs/msg/String'
 

@@ -11,11 +11,7 @@ import pytest
 
 from reference import made_bags as make
 from tactile_ros.errors import RecordingError
-from tactile_ros.evaluation.lerobot import (
-    pooled,
-    statistics,
-    write_dataset,
-)
+from tactile_ros.evaluation.lerobot import pooled, statistics, write_dataset
 from tactile_ros.evaluation.recording_files import load
 
 NO_ARROW = 'pyarrow is not installed: pip install pyarrow'

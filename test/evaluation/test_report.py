@@ -13,11 +13,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.evaluation.figures import STYLE, Plot, drift, hysteresis, standalone
-from tactile_ros.evaluation.metrics import (
-    Agreement,
-    class_errors,
-    target_errors,
-)
+from tactile_ros.evaluation.metrics import Agreement, class_errors, target_errors
 from tactile_ros.evaluation.report import (
     Answer,
     Dataset,

@@ -7,12 +7,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.hands import load_driver, load_hand
-from tactile_ros.hands.drivers import (
-    TRAJECTORY,
-    in_order,
-    read_command,
-    read_joint_states,
-)
+from tactile_ros.hands.drivers import TRAJECTORY, in_order, read_command, read_joint_states
 from tactile_ros.nodes.mock_hand_node import MockHand
 from tactile_ros.types import GripCommand
 

@@ -23,12 +23,7 @@ from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory
 
 from tactile_ros.action import Grasp
-from tactile_ros.control import (
-    GraspOutcome,
-    GraspProgress,
-    GripConfig,
-    GripPhase,
-)
+from tactile_ros.control import GraspOutcome, GraspProgress, GripConfig, GripPhase
 from tactile_ros.hands import load_hand
 from tactile_ros.messages import fill_header, stamp_ns
 from tactile_ros.msg import GripState, TactileContacts, TactileFrame

@@ -4,13 +4,7 @@
 import numpy as np
 import pytest
 
-from tactile_ros.physics.coverage import (
-    area_share,
-    inside,
-    part_pressure,
-    read_parts,
-    tube_fields,
-)
+from tactile_ros.physics.coverage import area_share, inside, part_pressure, read_parts, tube_fields
 from tactile_ros.types import Outline
 
 SQUARE = np.array([[-2, -2], [2, -2], [2, 2], [-2, 2.0]])

@@ -10,12 +10,7 @@ import pytest
 
 from reference import multipole_world as world
 from tactile_ros.physics import magnet_sheet
-from tactile_ros.physics.magnet_sheet import (
-    Sheet,
-    carpet,
-    moved_dipole_series,
-    powers,
-)
+from tactile_ros.physics.magnet_sheet import Sheet, carpet, moved_dipole_series, powers
 from tactile_ros.physics.magnetics import dipole_field
 
 SIZE = np.array([60e-3, 75e-3, 2e-3])

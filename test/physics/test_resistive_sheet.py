@@ -6,12 +6,7 @@ import pytest
 
 from reference.sheet_solver import OutlineMesh, sheet_potential
 from tactile_ros.physics.crosstalk import alone, without_floating, without_grounded
-from tactile_ros.physics.resistive_sheet import (
-    SeriesResistance,
-    linear_place,
-    rolled,
-    unrolled,
-)
+from tactile_ros.physics.resistive_sheet import SeriesResistance, linear_place, rolled, unrolled
 
 SIZE = np.array([0.1, 0.08])
 FIRST = np.array([1.0, np.nan, 0.0, np.nan])

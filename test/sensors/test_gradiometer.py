@@ -278,8 +278,7 @@ def test_gains_come_from_fields_since_the_tare_although_the_baseline_follows_the
 
 
 @pytest.mark.parametrize(
-    ('limit', 'common', 'estimator'),
-    [(70e-3, 60e-3, 'inversion'), (15e-3, 0.0, 'polynomial')],
+    ('limit', 'common', 'estimator'), [(70e-3, 60e-3, 'inversion'), (15e-3, 0.0, 'polynomial')]
 )
 def test_case_3_clipped_pixels_look_clean_and_are_flagged_before_the_mean(
     limit: float, common: float, estimator: str

@@ -13,11 +13,7 @@ from tactile_ros.nodes.contact_loop import ContactLoop
 from tactile_ros.physics.temperature import REMANENCE_SLOPE
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.magnet_pad.body_model import (
-    Specimens,
-    change_of_field,
-    touches_at,
-)
+from tactile_ros.sensors.magnet_pad.body_model import Specimens, change_of_field, touches_at
 from tactile_ros.sensors.magnet_pad.estimation import SLOPE_SIGMA, ThermalDrift
 from tactile_ros.types import ContactStates, Frame, FrameStatus, Recording
 

@@ -155,10 +155,7 @@ def test_layouts_show_topics_that_there_are(name: str, topics: set[str]) -> None
 
 
 def test_numbers_of_the_viewer_are_in_its_messages() -> None:
-    known = {
-        '/state': state_scalars(ContactState.assemble(1, {})),
-        '/grip': grip_scalars(GRIP),
-    }
+    known = {'/state': state_scalars(ContactState.assemble(1, {})), '/grip': grip_scalars(GRIP)}
     for path in paths_of(layout_of('view')):
         topic, _, field = path.partition('.')
         assert not field or field in known[topic], path
