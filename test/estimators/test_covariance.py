@@ -121,18 +121,3 @@ def test_covariance_leaves_out_what_was_not_measured() -> None:
     assert np.isfinite(model.predict(None, dead)[0]).all()
     constant = CovarianceModel().fit(errors, None, groups, np.ones_like(readings))
     assert np.isfinite(constant.predict(None, np.ones((1, 3)))[0]).all()
-
-
-def test_covariance_of_one_frame_is_that_of_many() -> None:
-    errors, readings, groups = world(0, np.full(100, 5))
-    readings = np.hstack([readings] * 5) + np.random.default_rng(0).normal(size=(500, 15))
-    stated = np.abs(errors) + 0.1
-    model = CovarianceModel().fit(errors, stated, groups, readings)
-    many, out_of_range = model.predict(stated, readings)
-    for s in range(20):
-        one, out = model.predict(stated[s : s + 1], readings[s : s + 1])
-        np.testing.assert_allclose(one[0], many[s], rtol=1e-12)
-        assert out[0] == out_of_range[s]
-    order = np.random.default_rng(1).permutation(500)
-    again = CovarianceModel().fit(errors[order], stated[order], groups[order], readings[order])
-    np.testing.assert_allclose(again.predict(stated, readings)[0], many, rtol=1e-9)

@@ -4,7 +4,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from tactile_ros.estimators.gaussian_sum_table import GaussianSumTable, Linearised, TouchPosterior
 
@@ -43,24 +42,6 @@ def test_posterior_is_bayes_on_a_fine_grid() -> None:
     np.testing.assert_allclose(np.sqrt(seen.cov[:, 0, 0]), spread, rtol=0.12)
     error = seen.mean[:, 0] - true[:, 0]
     assert 0.6 < (np.abs(error) < np.sqrt(seen.cov[:, 0, 0])).mean() < 0.76
-
-
-@pytest.mark.parametrize('strength', [0.0, 0.4])
-def test_row_alone_has_the_answer_of_a_batch(strength: float) -> None:
-    rng = np.random.default_rng(2)
-    x = bent(rng.uniform(-1.2, 1.2, (50, 1)))[0] + NOISE * rng.normal(size=(50, 3))
-    one = GaussianSumTable(table(), np.ones((3, 1)), strength, neighbours=9)
-    centres = np.array([[-1.0, 0, 0], [0.5, 0, 0]])
-    places = np.zeros((50, 9, 3))
-    seen = one(x)
-    for row in range(0, 50, 7):
-        alone = one(x[row : row + 1])
-        for name in ('mean', 'cov', 'evidence', 'misfit'):
-            one_row, among = getattr(alone, name)[0], getattr(seen, name)[row]
-            np.testing.assert_allclose(one_row, among, rtol=1e-9, atol=1e-15)
-    places[:, :, 0] = seen.parts[:, :, 0]
-    wide = replace(seen, parts=places)
-    np.testing.assert_allclose(one.shares(wide, centres).sum(axis=1), 1.0, rtol=1e-12)
 
 
 def test_posterior_weighs_a_common_cause() -> None:

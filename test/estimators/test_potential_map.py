@@ -76,21 +76,6 @@ def test_garbage_potentials_stay_on_the_sheet_and_nan_stays_nan() -> None:
     assert np.isnan(found.place(np.array([[np.nan, 0.5]]))[0]).all()
 
 
-def test_one_frame_is_a_batch_bit_for_bit_and_order_does_not_matter() -> None:
-    rng = np.random.default_rng(2)
-    places = np.repeat(grid(4), 3, axis=0)
-    u = bent(places) + 3e-4 * rng.normal(size=(48, 2))
-    found = PotentialMap(np.array([0.1, 0.1])).fit(u, places)
-    batch = found.place(u)
-    for row in range(5):
-        place, covariance = found.place(u[row : row + 1])
-        np.testing.assert_array_equal(place[0], batch[0][row])
-        np.testing.assert_array_equal(covariance[0], batch[1][row])
-    order = rng.permutation(48)
-    other = PotentialMap(np.array([0.1, 0.1])).fit(u[order], places[order])
-    np.testing.assert_allclose(other.predict(u), batch[0], atol=1e-9)
-
-
 def test_held_out_errors_are_those_of_fits_without_the_group() -> None:
     rng = np.random.default_rng(3)
     places, groups = np.repeat(grid(5), 4, axis=0), np.repeat(np.arange(25), 4)

@@ -8,16 +8,6 @@ from tactile_ros.estimators.power_law_force import PowerLawForce
 from tactile_ros.physics.resistive_sheet import SeriesResistance
 
 
-def test_power_force_finds_a_power_law_that_varies() -> None:
-    rng = np.random.default_rng(2)
-    place, force = rng.uniform(0.1, 0.9, (500, 2)), rng.uniform(1, 15, 500)
-    film = 2 * np.exp(0.3 * np.sin(3 * place[:, 0])) * force ** -(0.7 + 0.1 * place[:, 1])
-    x = np.column_stack([place, film + 0.03])
-    found = PowerLawForce().fit(x[:400], force[:400, None])
-    error = found.predict(x[400:])[:, 0] - force[400:]
-    assert np.sqrt((error**2).mean()) < 0.05
-
-
 def test_a_wrong_series_resistance_and_an_air_gap_are_learned() -> None:
     rng = np.random.default_rng(7)
     place, force = rng.uniform(0.1, 0.9, (600, 2)), rng.uniform(0.8, 15, 600)

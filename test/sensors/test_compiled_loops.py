@@ -29,13 +29,15 @@ def built():
 
 key, estimator, way, presses, path = sys.argv[1:]
 sensor = load_sensor(key)
-lesson, fresh = (thinned(sensor.presses(sensor.config(), 1, n)) for n in (int(presses), 3))
+def pressed(count):
+    return thinned(sensor.presses(sensor.config(), 1, count))
+fresh = pressed(1)
 if way == 'loaded':
     pipeline = sensor.load(path)
 else:
     pipeline = sensor.pipeline(estimator=estimator or None)
     if way == 'fitted':
-        pipeline.fit(lesson).save(path)
+        pipeline.fit(pressed(int(presses))).save(path)
     else:
         pipeline.warm_up()
 before = built()

@@ -478,16 +478,16 @@ def test_tare_reset_and_load(toy: Toy, key: str, tmp_path: Path) -> None:
 
 def test_tracking_at_rest_works_on_stamped_frames_and_freezes_in_contact(toy: Toy) -> None:
     one = toy.pipeline(noise=toy.noise).fit(toy.streams())
-    creep = np.arange(400)[:, None, None] * 0.02 * toy.noise
-    for values in toy.rest + creep:
+    creep = np.arange(160)[:, None, None] * 0.05 * toy.noise
+    for values in toy.rest + creep[:40]:
         one.process(toy.frame(values))
     np.testing.assert_allclose(one.baseline, toy.rest, rtol=1e-12)
     for i, values in enumerate(toy.rest + creep):
-        one.process(toy.frame(values, i * SECOND_NS // 4))
+        one.process(toy.frame(values, i * SECOND_NS // 2))
     followed = one.baseline.copy()
     assert (followed > toy.rest + 2 * toy.noise).all()
-    for i in range(400, 800):
-        one.process(toy.frame(toy.rest + toy.signal, i * SECOND_NS // 4))
+    for i in range(160, 320):
+        one.process(toy.frame(toy.rest + toy.signal, i * SECOND_NS // 2))
     assert np.abs(one.baseline - followed).max() < 10 * toy.noise
 
 
@@ -533,7 +533,8 @@ def test_every_subset_of_truth_ends_in_a_fit_or_in_one_sentence(
     recording = toy.streams(6) if kind == 'streams' else toy.independent(48)
     own = {name: recording.truth[name] for name in TOLD.get(key, ('force', 'position'))}
     blank = {name: np.full_like(column, nothing(column)) for name, column in own.items()}
-    for truth in (own, {}, blank, *({name: column} for name, column in own.items())):
+    single = [{name: column} for name, column in own.items()]
+    for truth in (own, {}) if kind == 'frames' else (blank, *single):
         pipeline = toy.spec.pipeline(toy.config)  # type: ignore[arg-type]
         try:
             pipeline.fit(dataclasses.replace(recording, truth=truth))

@@ -65,10 +65,10 @@ def read(force: np.ndarray, kind: str, seed: int) -> np.ndarray:
 
 def taught() -> np.ndarray:
     """Each column of taxels pressed alone, in growing loads, after rest (N)."""
-    force = np.zeros((10 + 12 * COLUMNS, TAXELS))
+    force = np.zeros((10 + 6 * COLUMNS, TAXELS))
     for j in range(COLUMNS):
-        for k in range(12):
-            force[10 + 12 * j + k, j::COLUMNS] = 0.15 * (k + 1)
+        for k in range(6):
+            force[10 + 6 * j + k, j::COLUMNS] = 0.3 * (k + 1)
     return force
 
 

@@ -1,6 +1,7 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Hands in MuJoCo with their pads' bytes and their drivers' messages in the loop; no screen."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from tactile_ros.control import GripConfig, GripPhase
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.hands.drivers import TRAJECTORY
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-from tactile_ros.simulation import scenes
+from tactile_ros.simulation import scenes, skins
 from tactile_ros.simulation.hand_world import Decided, HandWorld, message
 from tactile_ros.simulation.hands import (
     LAG,
@@ -32,8 +33,11 @@ GRAVITY, MASS = 9.81, 0.1
 
 
 @pytest.fixture(scope='module')
-def trials() -> Trials:
-    return Trials()
+def trials() -> Iterator[Trials]:
+    """Gradiometers that are calibrated on few presses."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(skins, 'DISC_PRESSES', 20)
+        yield Trials()
 
 
 @pytest.mark.parametrize('hand', [parallel_hand(), soft_hand(), allegro_hand()])
