@@ -5,8 +5,6 @@ Faults and the speed of buses are on a virtual clock; decoding, processor time a
 machine's.
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 import threading

@@ -7,8 +7,6 @@ times. Terms of a scene (stray field, temperature, tilt) are weighed by what the
 and save in bias.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import replace

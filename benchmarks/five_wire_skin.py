@@ -8,8 +8,6 @@ as printed is the linear formula and the network of [5] on its 16 squares. Bound
 noise of the readings makes by itself.
 """
 
-from __future__ import annotations
-
 import time
 from typing import NamedTuple
 

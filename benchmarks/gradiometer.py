@@ -6,8 +6,6 @@ offsets, a disc out of place and an elastomer that stiffens, expands and softens
 learns from far more points than ours. The bound is that of Cramer and Rao with the same unknowns.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -6,8 +6,6 @@ largest change of any channel, set midway between both kinds in the same trainin
 close on `test/reference/grip_world.py`, whose physics runs ten times finer than the law.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 

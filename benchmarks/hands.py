@@ -5,8 +5,6 @@ The hand, its drives and the objects are those of `test/reference/allegro_world.
 virtual time; what moves the hand is the loop of grip_node with the parameters that it ships.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from importlib.util import find_spec
 

@@ -6,8 +6,6 @@ them runs the stack (sensor, contacts and grip in one process), or the three nod
 Delay runs from the write of the frame that a command answers until the middleware sent that.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 import time

@@ -6,8 +6,6 @@ has eight bands. [1] gives neither the remanence nor where in a cluster the chip
 the answer hangs: heads press all around the middle of cluster A1. Skins have no flaws.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

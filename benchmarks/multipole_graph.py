@@ -7,8 +7,6 @@ sensor_node and contact_node for so many frames as they come in a second; every 
 for among templates of all heads.
 """
 
-from __future__ import annotations
-
 import tempfile
 import time
 from dataclasses import replace
@@ -49,7 +47,7 @@ def run(extent: str, command: str) -> BenchResult:
     notes = [
         f'{len(config.positions)} chips at {RATE_HZ:g} Hz for {SECONDS[extent]:g} s a road, '
         f'after {WARM_S:g} s; pressed for 0.85 s of every 1.2 s; '
-        f'{len(config.objects)} drawn heads, a window of {config.window} frames',
+        f'{len(config.objects)} drawn heads, a window of {config.window} frames'
     ]
     if extent == 'quick':
         notes.append('quick: two processes alone, calibrated by the first quarter of the lesson')

@@ -7,8 +7,6 @@ an uneven sheet, the field of the Earth, drift, 4 uT of noise. Presses and place
 for every seed; no two presses have the same noise.
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass, replace
 

@@ -7,8 +7,6 @@ the road of this package on the same tasks, from the presses of the task alone. 
 the network by training, ours by its resting field and twenty presses of one head.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -7,8 +7,6 @@ and noise are made up: what is measured here is cost and agreement, not accuracy
 processor time of one process with one thread, the least of three runs.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile

@@ -6,8 +6,6 @@ features, a random forest and a multilayer perceptron. The published figures are
 (arXiv 2506.09994), measured with splits of theirs.
 """
 
-from __future__ import annotations
-
 import time
 import warnings
 from collections.abc import Callable

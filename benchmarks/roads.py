@@ -5,8 +5,6 @@ The board's bytes come from a player at 100 Hz. Delay runs from the arrival of a
 the recorder that heard its contacts; cost is the processor time of the nodes between them.
 """
 
-from __future__ import annotations
-
 import tempfile
 from dataclasses import replace
 from pathlib import Path

@@ -8,8 +8,6 @@ each world has a skin of its own with taxels that are broken, and a part is righ
 its place.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from time import perf_counter

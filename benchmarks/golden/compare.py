@@ -5,8 +5,6 @@ compare.py RESULTS            say which figures are worse than the golden ones, 
 compare.py RESULTS --write [NORMAL]   make RESULTS golden; spreads of seeds also from NORMAL
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

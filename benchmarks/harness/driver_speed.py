@@ -4,8 +4,6 @@
 Buses are on a virtual clock; decoding and memory are this machine's.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Fuzz tests: random and damaged bytes for the decoders of boards and the driver of chips."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Rows of a sensor's bench in the independent world: one a task, beside bound and limit."""
 
-from __future__ import annotations
-
 import sys
 from contextlib import redirect_stdout
 from importlib import import_module

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The whole package on one page: every bench's figures, aims held and missed, speed and error."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Sequence
 from html import escape

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Figures of tasks: `python -m benchmarks.independent TASK ...`; without one, all their names."""
 
-from __future__ import annotations
-
 import sys
 import time
 

@@ -1,8 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Independent five-wire sheet: uneven border, calibrated on 16, 25 or 49 points of 30 presses."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

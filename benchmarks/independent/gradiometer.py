@@ -5,8 +5,6 @@ The world has a gap, remanence, gains and places of pixels of its own; the confi
 ones. Frames are independent and carry no stamps; frames at rest go in as tare rows.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -5,8 +5,6 @@ The config names the nominal geometry only; magnets and chips of the world lie e
 are independent and carry no stamps.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -4,20 +4,11 @@
 The config holds the values of a data sheet, from which the world's sheet and chips differ.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
 
-from benchmarks.independent.recordings import (
-    Task,
-    answered,
-    pipeline_with,
-    recording,
-    turn,
-    world,
-)
+from benchmarks.independent.recordings import Task, answered, pipeline_with, recording, turn, world
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.types import Array, Bools, Integers, Outline, Recording
 

@@ -4,20 +4,11 @@
 Nobody says which taxels are bad. Readings are counts of a converter of 10 bits.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
 
-from benchmarks.independent.recordings import (
-    Task,
-    answered,
-    pipeline_with,
-    recording,
-    turn,
-    world,
-)
+from benchmarks.independent.recordings import Task, answered, pipeline_with, recording, turn, world
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.types import Array, Bools, ContactStates, Integers, Outline, Recording
 

@@ -4,8 +4,6 @@
 A magnet by a balloon, grasps, changing loads; for the demo one seed each, with films.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 import time

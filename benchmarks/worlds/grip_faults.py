@@ -6,8 +6,6 @@ of their own; hand and twins live here, so that the true force and the time of e
 known. Both fingers are needed (`fewest_fingers`), so that each fault asks for the safe action.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import signal

@@ -5,8 +5,6 @@ A pressed sheet is carried by a bonded layer under a flat punch, which is solved
 simpler mechanics.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache

@@ -7,8 +7,6 @@ of the world itself, for the noise of the converter. Whether sigmas are what err
 asked on layouts, skins and parts that chose nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
