@@ -83,7 +83,7 @@ def test_change_of_field_is_that_of_another_hand() -> None:
     plain = {'poisson': 0.5, 'stiffening': 1e12, 'height': 0.0, 'base': 1e-6, 'gains': 0.0}
     pad = reference.PadWorld(CONFIG, seed=3, **plain)
     pad.magnets, pad.strength, pad.shear = CONFIG.magnet_positions, [1.4] * 3, CONFIG.shear_modulus
-    touches = record(5, 60)[0]
+    touches = record(5, 15)[0]
     rows = touches_at(touches.place, touches.force)
     seen, ours = pad.change(touches, 1e-4), change_of_field(CONFIG, rows, 1e-2, 0.0)
     assert np.abs(seen - ours).max() < 0.03 * np.abs(ours).max()
@@ -142,7 +142,7 @@ def test_places_forces_and_cells_are_as_good_as_noise_allows() -> None:
 def test_sigmas_hold_their_share_of_new_touches() -> None:
     pad = reference.PadWorld(CONFIG, seed=8, poisson=0.4, stiffening=30.0, base=0.4, gains=0.02)
     pipeline = SPEC.pipeline(estimator=TABLE).fit(record(1, 300, pad=pad)[1])
-    touches, fresh = record(2, 1000, pad=pad)
+    touches, fresh = record(2, 600, pad=pad)
     states = pipeline.process_batch(fresh)
     for sigmas, wanted, room in ((1, 0.683, 0.09), (2, 0.954, 0.04)):
         for name, share in inside(states, touches, sigmas).items():
@@ -157,7 +157,7 @@ def test_nominal_pad_finds_touches_before_any_truth() -> None:
     one, two, errors = [], [], []
     for seed, body in enumerate(({'poisson': 0.5, 'base': 1e-6}, {}, {'poisson': 0.42})):
         pad = reference.PadWorld(CONFIG, seed=seed, **body)
-        touches, fresh = record(60 + seed, 150, pad=pad)
+        touches, fresh = record(60 + seed, 80, pad=pad)
         states = nominal().process_batch(fresh)
         errors.append(np.nanmean(away(states, touches)))
         one.append(list(inside(states, touches, 1).values()))
@@ -175,8 +175,8 @@ def test_nominal_pad_finds_touches_before_any_truth() -> None:
 
 
 def test_leaning_touches_are_placed() -> None:
-    touches, fresh = record(9, 200, cone=0.78)
-    pipeline = SPEC.pipeline(estimator=TABLE).fit(record(8, 200, cone=0.78)[1])
+    touches, fresh = record(9, 120, cone=0.78)
+    pipeline = SPEC.pipeline(estimator=TABLE).fit(record(8, 120, cone=0.78)[1])
     states = pipeline.process_batch(fresh)
     assert np.isnan(away(states, touches)).mean() < 0.03
     assert np.nanmean(away(states, touches)) < 2e-3
