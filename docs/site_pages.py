@@ -1,7 +1,7 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Pages made from the repository: home, interfaces, parameters, API and design of the site.
 
-`python docs/site_pages.py` writes docs/results.md anew from the golden figures.
+`python docs/site_pages.py` writes docs/results.md and its picture anew from the golden figures.
 """
 
 from __future__ import annotations
@@ -232,4 +232,7 @@ def modules_of(name: str) -> list[str]:
 
 
 if __name__ == '__main__':
+    from images.draw_measured import aims
+
     (ROOT / 'docs' / 'results.md').write_text(results())
+    (ROOT / 'docs' / 'images' / 'aims.svg').write_text(aims())
