@@ -135,10 +135,7 @@ def diagnose_stream(data: bytes, chips: int) -> str | None:
 
 
 def board_size(data: bytes, *, temperatures: bool = True) -> int | None:
-    """Count of chips whose frames fill `data`; None when no count fits three frames in a row.
-
-    Without `temperatures` these may be any.
-    """
+    """Count of chips whose frames fill `data`; None when no count fits three frames in a row."""
     stream = np.frombuffer(data, np.uint8)
     ends = _after_terminators(stream)
     for chips in range(1, MOST_CHIPS + 1):
