@@ -175,12 +175,13 @@ class GripLoop:
         self._closure = self._joints.closures_of(position)
         self._watch.take(position, measured_s)
 
-    @property
-    def missing(self) -> list[str]:
-        """Fingers, and joint states, of which nothing has come yet."""
-        missing = ['joint states'] if self._measured is None else []
-        pairs = zip(self.fingers, self._touched_s, strict=True)
-        return missing + [finger for finger, touched_s in pairs if touched_s == -inf]
+    def missing(self, since_s: float = -inf) -> list[str]:
+        """Fingers, and joint states, of which nothing has come since a time, or ever."""
+        came_s = {
+            'joint states': self._measured_s,
+            **dict(zip(self.fingers, self._touched_s, strict=True)),
+        }
+        return [name for name, time_s in came_s.items() if time_s <= since_s]
 
     @property
     def is_free(self) -> bool:

@@ -28,6 +28,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from tactile_ros import messages
 from tactile_ros.action import Grasp
 from tactile_ros.control import GraspOutcome, GripConfig, GripPhase
+from tactile_ros.control.grip_force import NOT_ASKED
 from tactile_ros.hands import HandDescription, drivers, load_hand
 from tactile_ros.hands.description import narrowed
 from tactile_ros.hands.drivers import JOINT_STATE, NUMBERS, TRAJECTORY, Topic
@@ -47,6 +48,7 @@ LAGS = (
 )
 WATCH_S = 1e-2  # how often the clock is looked at, at most
 TINY = 1e-9  # N
+SILENT_S = 1.0  # an input that diagnostics name
 STATES = 10  # joint states that may wait
 LAST_TURNS = 5
 FEEDBACK_S = 0.02  # the least between two
@@ -261,7 +263,7 @@ class GripDiagnostics:
         """Phase, rate, refusals, once a second; the sentence says what is worst."""
         steps, self._steps_before = self.steps - self._steps_before, self.steps
         level, sentence = DiagnosticStatus.OK, f'{self._phase.name}, {steps} steps a second'
-        if self._refusal:
+        if self._refusal and self._refusal != NOT_ASKED:
             level = DiagnosticStatus.WARN if enabled else DiagnosticStatus.OK
             sentence = self._refusal
         if missing:
@@ -281,7 +283,7 @@ class GripDiagnostics:
             'grasp under way': busy,
             'refusal': self._refusal or 'none',
             'warning': self._warning or 'none',
-            'never heard': ', '.join(missing) or 'none',
+            'silent': ', '.join(missing) or 'none',
         }
         return diagnostic('grip', sentence, values, level, hand)
 
@@ -504,7 +506,7 @@ class GripNode(ManagedNode):
     @property
     def missing(self) -> list[str]:
         """Inputs of which nothing has come since the node is active."""
-        return [] if self._loop is None else self._loop.missing
+        return [] if self._loop is None else self._loop.missing()
 
     def _on_contacts(self, topic: str, message: TactileContacts) -> None:
         touch = Touch(
@@ -653,6 +655,7 @@ class GripNode(ManagedNode):
 
     def diagnose(self) -> DiagnosticStatus:
         """Phase, rate, refusals."""
+        silent = [] if self._loop is None else self._loop.missing(time.monotonic() - SILENT_S)
         return self._diagnosed.status(
-            self._hand.name, self._config, self._enabled, self._grasps.is_busy, self.missing
+            self._hand.name, self._config, self._enabled, self._grasps.is_busy, silent
         )

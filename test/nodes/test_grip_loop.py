@@ -99,6 +99,17 @@ class World:
         return made
 
 
+def test_inputs_that_fell_silent_are_named() -> None:
+    world = World('allegro_v4')
+    assert world.stage.missing() == ['joint states', *world.stage.fingers]
+    world.step()
+    assert world.stage.missing() == []
+    world.told, world.silent = False, {1}
+    before_s = world.time_s
+    world.step()
+    assert world.stage.missing(before_s) == ['joint states', world.stage.fingers[1]]
+
+
 @pytest.mark.parametrize('name', HANDS)
 def test_every_hand_holds_and_opens_again(name: str) -> None:
     world = World(name)

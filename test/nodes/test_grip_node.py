@@ -24,6 +24,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from tactile_ros.action import Grasp
 from tactile_ros.control import GraspOutcome, GraspProgress, GripConfig, GripPhase
+from tactile_ros.control.grip_force import NOT_ASKED
 from tactile_ros.hands import load_hand
 from tactile_ros.messages import fill_header, stamp_ns
 from tactile_ros.msg import GripState, TactileContacts, TactileFrame
@@ -136,6 +137,8 @@ def test_a_controller_that_never_answers_is_asked_once_at_a_time(ros: Ros) -> No
         (GripPhase.HOLD, '', '', DiagnosticStatus.OK, 'HOLD, 1 steps a second'),
         (GripPhase.HOLD, '', 'index is stale', DiagnosticStatus.WARN, 'index is stale'),
         (GripPhase.IDLE, 'it was lost', '', DiagnosticStatus.WARN, 'it was lost'),
+        (GripPhase.IDLE, NOT_ASKED, '', DiagnosticStatus.OK, 'IDLE, 1 steps a second'),
+        (GripPhase.IDLE, NOT_ASKED, 'index is stale', DiagnosticStatus.WARN, 'index is stale'),
         (GripPhase.FAULT, 'it is stale', '', DiagnosticStatus.ERROR, 'it is stale'),
     ],
 )
