@@ -38,6 +38,7 @@ MARK = b'schema.npy'  # in every calibration and every saved evaluation
 MOST_MEMBERS = 20_000
 MOST_BYTES = 512 * 1024 * 1024
 MOST_DIRECTORY_BYTES = 300 * MOST_MEMBERS
+LARGEST = 1e100  # finite number
 NAME = re.compile(r'[A-Za-z0-9_./ +\-]{1,200}\.npy')
 PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 # numpy.lib.format version 1.0, as numpy writes it: nothing is evaluated
@@ -83,6 +84,10 @@ def read(path: str | Path) -> Arrays:
     if str(arrays.pop('sha256', '')) != digest(arrays):
         msg = f'calibration {target} was changed since it was written; calibrate again'
         raise CalibrationError(msg)
+    for name, array in arrays.items():
+        if array.dtype.kind == 'f' and (np.isfinite(array) & (np.abs(array) > LARGEST)).any():
+            msg = f'{name} of calibration {target} is beyond {LARGEST:g}; calibrate again'
+            raise CalibrationError(msg)
     return arrays
 
 

@@ -89,6 +89,14 @@ def test_what_numpy_writes_is_read_too(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read(tmp_path / 'c.npz')['x'], np.eye(3))
 
 
+def test_a_number_that_nothing_measures_is_refused_however_it_is_signed(tmp_path: Path) -> None:
+    write(tmp_path / 'c.npz', {'rest/scale': np.array([1.0, np.inf, np.nan])})
+    read(tmp_path / 'c.npz')
+    write(tmp_path / 'c.npz', {'rest/scale': np.array([1.0, -1e308])})
+    with pytest.raises(CalibrationError, match=r'rest/scale of calibration .* is beyond 1e\+100'):
+        read(tmp_path / 'c.npz')
+
+
 @pytest.mark.parametrize('value', [np.nan, np.inf, 0.0, 1e308])
 def test_a_changed_array_is_refused(tmp_path: Path, value: float) -> None:
     write(tmp_path / 'c.npz', {'x': np.eye(3), 'y': np.ones(2)})
