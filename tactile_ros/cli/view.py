@@ -50,6 +50,7 @@ Show = Callable[[PageServer | Viewer], None]
 PORT = 8765  # where Foxglove looks by itself
 READ_S = 1.0
 MOST_ROWS = 1000  # of simulated presses, for a fit of seconds
+LEARNING = 'calibrating on simulated presses'
 TARE_FRAMES = 50
 LAYOUT = 'config/foxglove_view.json'
 
@@ -206,6 +207,9 @@ def show_sensor(
             device = held.enter_context(twin.device(time.time_ns))
         if isinstance(viewer, PageServer):
             viewer.tare = live.tare
+            if learned is not None:
+                viewer.guide({'targets': [], 'phase': '', 'text': LEARNING, 'error': ''})
+                learned.add_done_callback(lambda _: viewer.guide(None))
         while time.monotonic() < end:
             try:
                 frame = device.read(READ_S)
@@ -241,7 +245,7 @@ def fitted(spec: SensorSpec, config: SensorConfig, seed: int) -> Pipeline:
     with suppress(ValueError):  # a part may tell too little
         spec.pipeline(config).fit(some.select(slice(0, -(-len(some) // SHARE))))
         if (seconds := SHARE * (time.monotonic() - began)) > PATIENCE_S:
-            print(f'calibrating on simulated presses, about {seconds:.0f} s', file=sys.stderr)
+            print(f'{LEARNING}, about {seconds:.0f} s', file=sys.stderr)
     return spec.pipeline(config).fit(some)
 
 

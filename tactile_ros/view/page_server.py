@@ -227,7 +227,7 @@ class PageServer(Closing):
             self._version += 1
             self._news.notify_all()
 
-    def guide(self, stated: Json) -> None:
+    def guide(self, stated: Json | None) -> None:
         """Show targets, the next one, and what to do."""
         with self._news:
             self._guide = stated

@@ -2,6 +2,7 @@
 """`tactile view`: what it refuses before anybody looks, and what it plays."""
 
 from pathlib import Path
+from threading import Event
 from types import SimpleNamespace
 
 import numpy as np
@@ -73,3 +74,17 @@ def test_a_twin_says_about_how_long_it_learns(
     )
     assert view.fitted(spec, board.config(), 1).calibrated
     assert 'calibrating on simulated presses, about' in capsys.readouterr().err
+
+
+def test_a_page_says_while_a_twin_is_learned(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[dict[str, object] | None] = []
+    learn = Event()
+    monkeypatch.setattr(view.PageServer, 'guide', lambda _, stated: told.append(stated))
+    monkeypatch.setattr(view, 'fitted', lambda spec, config, _: learn.wait(60) and spec.pipeline())
+    monkeypatch.setattr(view.LivePipeline, 'process', lambda *_: learn.set())
+    monkeypatch.setattr(view.PageServer, 'show', lambda *_: None)
+    assert (
+        main(['view', '--sensor', 'reskin_board', '--no-open', '--port', '0', '--seconds', '1'])
+        == 0
+    )
+    assert [stated and stated['text'] for stated in told] == [view.LEARNING, None]

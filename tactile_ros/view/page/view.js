@@ -182,7 +182,7 @@ function drawGuide() {
   const done = guide.targets.filter((one) => one[2]).length, bar = root.querySelector('progress');
   root.className = guide.phase;
   root.querySelector('.what').textContent = guide.text;
-  bar.max = guide.targets.length; bar.value = done;
+  if (guide.targets.length) { bar.max = guide.targets.length; bar.value = done; } else bar.removeAttribute('value');
   root.querySelector('.error').textContent = guide.error;
 }
 
