@@ -37,12 +37,12 @@ def unlimited() -> tuple[made.World, Pipeline]:
     own = made.World(SEED)
     own.config = dataclasses.replace(own.config, saturation=1.0)
     config = dataclasses.replace(own.config, saturation=None)
-    return own, SENSOR.pipeline(config).fit(own.record(300, 1))
+    return own, SENSOR.pipeline(config).fit(own.record(150, 1))
 
 
 @lru_cache
 def warm_fit() -> Pipeline:
-    return SENSOR.pipeline(world().config).fit(world().record(300, 4, WARM))
+    return SENSOR.pipeline(world().config).fit(world().record(200, 4, WARM))
 
 
 def errors(
@@ -132,7 +132,7 @@ def test_covariances_hold_by_component(name: str, count: int) -> None:
 
 
 def test_noise_of_references_is_found_and_averages_out() -> None:
-    pipeline = SENSOR.pipeline(world().config).fit(noisy(world().record(300, 1), 5))
+    pipeline = SENSOR.pipeline(world().config).fit(noisy(world().record(200, 1), 5))
     error, sigma = errors(pipeline, world().record(300, 2))
     assert (rms(error) < [1.2e-3, 1.2e-3, 2e-3]).all()
     found = pipeline.report['force_xyz']
@@ -249,8 +249,8 @@ def test_magnets_at_14_mm_are_flagged_and_covered() -> None:
 
 
 def test_fields_leave_no_leak_and_are_estimated() -> None:
-    turned = world().record(200, 9, made.Scene(turned=True))
-    known = SENSOR.pipeline(world().config).fit(world().record(300, 1), turned)
+    turned = world().record(120, 9, made.Scene(turned=True))
+    known = SENSOR.pipeline(world().config).fit(world().record(150, 1), turned)
     for pipeline, most in ((fitted(), 1.5e-3), (known, 5e-4)):
         clean = pipeline.process_batch(world().record(100, 2))
         for stray in 2e-3 * np.eye(3):
@@ -401,7 +401,7 @@ def test_the_noise_of_a_tare_of_one_frame_is_stated() -> None:
 
 def test_without_the_stray_term_force_is_surer_and_wrong_in_a_field() -> None:
     config = dataclasses.replace(world().config, stray_term=False)
-    without = SENSOR.pipeline(config).fit(world().record(300, 1))
+    without = SENSOR.pipeline(config).fit(world().record(200, 1))
     outside = world().record(100, 3, made.Scene(stray=(1e-3, 5e-4, -1e-3)))
     calm = world().record(200, 2)
     assert rms(errors(without, calm)[0]).sum() < 0.95 * rms(errors(fitted(), calm)[0]).sum()
