@@ -1,6 +1,7 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Python as people write it: the page's example, what `load` finds, and bags on their tares."""
 
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -85,7 +86,8 @@ def test_report_prints_its_table_and_draws(
     assert lines[0].startswith('recording')
     assert [line.split('  ')[0] for line in lines[2:4]] == ['recording 1', 'recording 2']
     assert repr(report).startswith('Result(recording 1, recording 2: Is something touching?')
-    assert 'mean error of place' in repr(report)
+    assert re.search(r'; 0 of \d+ frames lost\)$', repr(report))
+    assert re.search(r'; \S+ mm mean error of place', repr(report))
     assert '\n' not in repr(report)
     with pytest.raises(RecordingError, match='at least one recording'):
         board.evaluate()

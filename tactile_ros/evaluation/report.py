@@ -181,7 +181,10 @@ class Result:
 
     def __repr__(self) -> str:
         """Recordings, frames and key figures in a line."""
-        figures = '; '.join(f'{words} {value} {unit}' for value, unit, words in headline(self))
+        figures = '; '.join(  # the answer of a question holds its figure
+            words if '?' in words else ' '.join(filter(None, (value, unit, words)))
+            for value, unit, words in headline(self)
+        )
         return f'Result({", ".join(one.name for one in self.datasets)}: {figures})'
 
     def __str__(self) -> str:
