@@ -74,8 +74,8 @@ class World:
         self.decisions.append(made)
         return made
 
-    def until_end(self, seconds: float = 30.0) -> Decision:
-        for _ in range(int(seconds * self.config.rate_hz)):
+    def until_end(self) -> Decision:
+        for _ in range(int(30.0 * self.config.rate_hz)):
             made = self.step()
             if made.ended is not None:
                 return made
@@ -411,7 +411,7 @@ def test_every_force_of_its_rate_is_a_step_whatever_its_delay() -> None:
     rng = np.random.default_rng(0)
     stamps = [k * PERIOD_NS + int(rng.integers(-1_000_000, 1_000_000)) for k in range(1, 60)]
     taken = pace()
-    made = steps(taken, stamps)
+    made = steps(taken, stamps, 0.3)
     assert len(made) == len(stamps)
     np.testing.assert_allclose(made[1:], 1e-9 * np.diff(stamps), atol=1e-12)
 

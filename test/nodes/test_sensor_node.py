@@ -341,15 +341,13 @@ def test_reader_discards_what_was_kept_back_however_long_it_takes_to_decode(
     assert [item.sequence for items in got for item in items] == [5, 6]
 
 
-def judged(
-    count: int, period_s: float = 0.01, status: int = 0, counters: dict[str, int] | None = None
-) -> tuple[bytes, str, dict[str, object]]:
+def judged(count: int, period_s: float = 0.01, status: int = 0) -> tuple[bytes, str, object]:
     """Diagnostics at a nominal 100 Hz of frames of which the last has a status."""
     reading = SensorDiagnostics(100.0)
     for k in range(count):
         reading.note(frame(k, status if k == count - 1 else 0, period_s))
     reading.sentence = ''
-    return reading.judge(counters or {}, is_open=True)
+    return reading.judge({}, is_open=True)
 
 
 def test_diagnostics_warn_of_the_last_second_and_forget() -> None:

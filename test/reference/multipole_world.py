@@ -303,11 +303,11 @@ def ramp(rng: np.random.Generator, depth: float) -> np.ndarray:
 
 def collect(
     world: World, heads: Heads, labels: np.ndarray, places: np.ndarray, yaws: np.ndarray,
-    depths: np.ndarray, seed: int, stray: np.ndarray | None = None, config: object = None,
+    depths: np.ndarray, seed: int, config: object = None,
 ) -> Recording:  # fmt: skip
     """Presses (n), one stream of tare rows and a window each, with their truth.
 
-    `seed` is of speeds, drift and noise; a field `stray` (3,) (T) may come after the tare.
+    `seed` is of speeds, drift and noise.
     """
     rng = np.random.default_rng([11, seed])
     rows = TARE + WINDOW
@@ -320,8 +320,7 @@ def collect(
         values[i, TARE:] = world.press(heads[labels[i]], places[i], yaws[i], course)
         force[i, TARE:] = 0
         force[i, TARE:, 2] = world.stiffness * course
-        drift = world.flaws.drift * rng.normal(size=world.still.shape)
-        values[i, TARE:] += drift + (0 if stray is None else world.stray(stray))
+        values[i, TARE:] += world.flaws.drift * rng.normal(size=world.still.shape)
     values += world.flaws.noise * rng.normal(size=values.shape)
     pressed = np.tile(np.arange(rows) >= TARE, n)
     each = lambda a, blank: np.where(  # noqa: E731

@@ -25,19 +25,8 @@ from tactile_ros.types import Array, ContactState, Frame, Integers, Layout, Outl
 
 RINGS = ((6, 2.5e-3), (12, 7.5e-3), (24, 12.5e-3), (30, 17.5e-3))  # taxels, inner radius (m)
 PITCH = 5e-3
-WASHERS = ((16e-3, 8e-3), (14e-3, 6.5e-3), (12e-3, 5e-3), (18e-3, 9e-3), (10e-3, 4e-3))
-TUBE_RADIUS = 9e-3
-BENDS = (90.0, 135.0)  # degrees
-
-
-def washers(radii: tuple[tuple[float, float], ...] = WASHERS) -> tuple[Outline, ...]:
-    """Washers of some outer and inner radii (m)."""
-    return tuple(washer(f'washer_{i}', *pair) for i, pair in enumerate(radii))
-
-
-def tubes(bends: tuple[float, ...] = BENDS, radius: float = TUBE_RADIUS) -> tuple[Outline, ...]:
-    """Angle tubes of some bends (degrees)."""
-    return tuple(Outline(f'tube_{bend:g}', (), radius, np.deg2rad(bend)) for bend in bends)
+WASHERS = ((16e-3, 8e-3), (14e-3, 6.5e-3), (12e-3, 5e-3), (18e-3, 9e-3), (10e-3, 4e-3))  # m
+TUBES = tuple(Outline(f'tube_{bend}', (), 9e-3, np.deg2rad(bend)) for bend in (90, 135))
 
 
 def magnet_gripper() -> TaxelArrayConfig:
@@ -49,13 +38,13 @@ def magnet_gripper() -> TaxelArrayConfig:
         areas=np.concatenate(areas),
         taxel_outlines=tuple(Outline(f'taxel_{i}', o.loops) for i, o in enumerate(shapes)),
         force_range=np.array([0.0, 8.0]),
-        objects=washers(),
+        objects=tuple(washer(f'washer_{i}', *pair) for i, pair in enumerate(WASHERS)),
     )
 
 
 def suction_cup() -> TaxelArrayConfig:
     """16 sectors, and angle tubes of two bends."""
-    return TaxelArrayConfig(taxel_outlines=sectors(), objects=tubes())
+    return TaxelArrayConfig(taxel_outlines=sectors(), objects=TUBES)
 
 
 def jaw() -> TaxelArrayConfig:

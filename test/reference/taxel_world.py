@@ -68,19 +68,17 @@ def radial(rings: tuple[float, ...], counts: tuple[int, ...]) -> Array:
     return Array(np.array(centres), np.array(areas), tuple(outlines), owner, x, y)
 
 
-def matrix(rows: int, columns: int, pitch: float, gap: float = 0.0) -> Array:
-    """Squares of `pitch` less a gap, row by row from -y."""
+def matrix(rows: int, columns: int, pitch: float) -> Array:
+    """Squares of `pitch`, row by row from -y."""
     x, y = raster(0.5 * pitch * max(rows, columns))
     column = np.floor(x / pitch + columns / 2).astype(int)
     row = np.floor(y / pitch + rows / 2).astype(int)
-    middle_x, middle_y = (column + 0.5 - columns / 2) * pitch, (row + 0.5 - rows / 2) * pitch
-    edge = np.maximum(np.abs(x - middle_x), np.abs(y - middle_y)) > 0.5 * (pitch - gap)
-    there = (row >= 0) & (row < rows) & (column >= 0) & (column < columns) & ~edge
+    there = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
     owner = np.where(there, row * columns + column, -1)
     i, j = np.divmod(np.arange(rows * columns), columns)
     plane = pitch * np.column_stack([j + 0.5 - columns / 2, i + 0.5 - rows / 2])
     positions = np.column_stack([plane, np.zeros(rows * columns)])
-    return Array(positions, np.full(rows * columns, (pitch - gap) ** 2), None, owner, x, y)
+    return Array(positions, np.full(rows * columns, pitch**2), None, owner, x, y)
 
 
 def washer(name: str, outer: float, inner: float) -> Outline:
