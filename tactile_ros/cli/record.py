@@ -50,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
             if not (options.output / 'metadata.yaml').exists():  # not begun yet
                 raise
         if code := running.stop()['record']:
-            msg = f'{options.output} is no whole bag: the recorder ended with code {code}'
+            msg = f'the recorder ended with code {code}; its last lines say why'
             raise TactileError(msg)
     refuse_empty(options.output, options.namespace)
     print(f'bag: {options.output}')

@@ -95,6 +95,17 @@ def test_record_makes_a_bag_and_says_where_it_is_or_that_nothing_came(
     assert main(['record', '-o', str(bag), '--seconds', '0.1']) == 0
     assert capsys.readouterr().out.splitlines()[-1] == f'bag: {bag}'
 
+    def overtaken(path: Path) -> None:  # by another recorder
+        path.mkdir()
+        (path / 'other.mcap').touch()
+
+    monkeypatch.setattr('tactile_ros.cli.record.refuse_unwritable', overtaken)
+    assert main(['record', '-o', str(tmp_path / 'taken')]) == 1
+    said = capsys.readouterr()
+    assert 'taken is not empty; choose a new folder' in said.out
+    assert 'ended with code 1; its last lines say why' in said.err
+    assert [one.name for one in (tmp_path / 'taken').iterdir()] == ['other.mcap']
+
 
 def test_record_refuses_a_place_or_a_namespace_that_cannot_be(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
