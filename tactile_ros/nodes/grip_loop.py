@@ -177,11 +177,8 @@ class GripLoop:
 
     def missing(self, since_s: float = -inf) -> list[str]:
         """Fingers, and joint states, of which nothing has come since a time, or ever."""
-        came_s = {
-            'joint states': self._measured_s,
-            **dict(zip(self.fingers, self._touched_s, strict=True)),
-        }
-        return [name for name, time_s in came_s.items() if time_s <= since_s]
+        names, came_s = ['joint states', *self.fingers], [self._measured_s, *self._touched_s]
+        return [name for name, time_s in zip(names, came_s, strict=True) if time_s <= since_s]
 
     @property
     def is_free(self) -> bool:

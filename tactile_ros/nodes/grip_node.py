@@ -505,8 +505,8 @@ class GripNode(ManagedNode):
 
     @property
     def missing(self) -> list[str]:
-        """Inputs of which nothing has come since the node is active."""
-        return [] if self._loop is None else self._loop.missing()
+        """Inputs of which nothing came in the last second."""
+        return [] if self._loop is None else self._loop.missing(time.monotonic() - SILENT_S)
 
     def _on_contacts(self, topic: str, message: TactileContacts) -> None:
         touch = Touch(
@@ -655,7 +655,6 @@ class GripNode(ManagedNode):
 
     def diagnose(self) -> DiagnosticStatus:
         """Phase, rate, refusals."""
-        silent = [] if self._loop is None else self._loop.missing(time.monotonic() - SILENT_S)
         return self._diagnosed.status(
-            self._hand.name, self._config, self._enabled, self._grasps.is_busy, silent
+            self._hand.name, self._config, self._enabled, self._grasps.is_busy, self.missing
         )
