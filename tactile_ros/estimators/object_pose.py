@@ -56,7 +56,6 @@ FLAT = 1e-6  # of the largest squared slope: no edge touches
 RIDGE = 1e-9  # of a scaled matrix: what nothing tells stays where it is
 MEDIAN = 0.455  # of the square of a normal variable
 CLOSE = 2e-3  # widths of a taxel: a smaller step ends a descent
-EDGELESS = 0.01  # of the largest squared slope, added to all: taxels off the edges say little
 TRIED = 12  # poses at which coarse and fine points are compared
 
 
@@ -433,27 +432,16 @@ class ObjectPose:
         self.locate(areas, 1e-3 * areas, np.ones(taxels, bool), 0.01)  # compiled now
 
     def _edges(self, rough: ObjectFields, fields: ObjectFields) -> tuple[float, float]:
-        """Squared place errors of edges by coarse and by fine points (m2).
-
-        Errors of neighbours are alike where an edge runs along taxels: as many times as the
-        object's place errs more than by independent errors, those of the edges count.
-        """
+        """Squared place errors of edges by coarse and by fine points (m2)."""
         rng = np.random.default_rng(6)
         places = self.middle + 0.3 * self.half * rng.uniform(-1, 1, (TRIED, 2))
-        wrong, moved, alone = 0.0, 0.0, 1e-300
+        wrong = 0.0
         for place, yaw in zip(places, rng.uniform(-np.pi, np.pi, TRIED), strict=True):
             fine, slopes = self.fine.pressed(fields, first_state(fields, place[0], place[1], yaw))
             coarse = self.coarse.pressed(rough, first_state(rough, place[0], place[1], yaw))[0]
-            rise = np.square(slopes[:, :2]).sum(axis=1)
-            error = float(np.square(fine - coarse).sum() / max(rise.sum(), 1e-300))
-            weight = 1 / np.sqrt(rise + EDGELESS * max(rise.max(), 1e-300))
-            shift = np.linalg.pinv(slopes[:, :4] * weight[:, None])[:2]
-            wrong += error / TRIED
-            moved += float(np.square(shift @ (weight * (fine - coarse))).sum())
-            alone += error * float(np.square(shift).sum())
-        finer = len(self.fine.points) / len(self.coarse.points)
-        wrong *= max(1.0, moved / alone)
-        return wrong, wrong / finer**1.5
+            rise = np.square(slopes[:, :2]).sum()
+            wrong += float(np.square(fine - coarse).sum() / max(rise, 1e-300)) / TRIED
+        return wrong, wrong * (len(self.coarse.points) / len(self.fine.points)) ** 1.5
 
     def _templates(self) -> None:
         """Make unit templates (n, b) of the objects at many poses (n, 4): object, x, y, yaw."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
+from tactile_ros.conditioning.fading_memory import FadingMemory
 from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.model_selection import held_out_report, select
 from tactile_ros.estimators.potential_map import PotentialMap
@@ -21,7 +22,6 @@ from tactile_ros.sensors.five_wire_skin.film import (
     TIME_CONSTANTS,
     ContactGate,
     FilmCreep,
-    FilmMemory,
     implausible_taxels,
 )
 from tactile_ros.sensors.regression import CLASSES as REGRESSION_CLASSES
@@ -178,7 +178,7 @@ class FiveWireEstimation(Estimation):
 
     def start(self) -> object:
         """Fresh memory of a stream."""
-        return FilmMemory() if self.others_ is None else self.others_.start()
+        return FadingMemory(TIME_CONSTANTS) if self.others_ is None else self.others_.start()
 
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn contact, place and force from frames with truth; see `Regression.fit`."""
@@ -214,7 +214,7 @@ class FiveWireEstimation(Estimation):
         x = self.touch_.readings(signals)
         if self.others_ is not None:
             return self.others_.estimate(_divider_less_rest(signals, x), memory)
-        assert isinstance(memory, FilmMemory)
+        assert isinstance(memory, FadingMemory)
         place, covariance = self.place_.predict(x[:, self.potentials])
         position, position_cov = np.empty((len(x), 3)), np.zeros((len(x), 3, 3))
         position[:, :2], position[:, 2] = place, self.height_[0]
@@ -227,7 +227,7 @@ class FiveWireEstimation(Estimation):
         return known
 
     def _add_force(
-        self, known: Columns, signals: Signals, x: Array, place: Array, memory: FilmMemory
+        self, known: Columns, signals: Signals, x: Array, place: Array, memory: FadingMemory
     ) -> None:
         """Add forces, their covariances, and a flag where they exceed those of the fit."""
         assert self.force_ is not None
@@ -245,7 +245,7 @@ class FiveWireEstimation(Estimation):
         known['force'], known['force_cov'] = force, covariance
 
     def _normal(
-        self, signals: Signals, features: Array, memory: FilmMemory
+        self, signals: Signals, features: Array, memory: FadingMemory
     ) -> tuple[Array, Array]:
         """Normal forces (s,) (N) and their variances, without creep where stamps allow it."""
         assert self.force_ is not None
@@ -324,7 +324,8 @@ class FiveWireEstimation(Estimation):
         # nothing distinguishes slower ones from a wrong curve
         shown = np.flatnonzero(LONGEST * longest_hold(signals) >= TIME_CONSTANTS)
         creep, model = FilmCreep(static), PowerLawForce(static.noise, self.size, self.series)
-        ratios = creep.undo(past, signals.stamp_ns, signals.restart, FilmMemory())[1]
+        memory = FadingMemory(TIME_CONSTANTS)
+        ratios = creep.undo(past, signals.stamp_ns, signals.restart, memory)[1]
         x = np.column_stack([features, ratios[:, shown]])[rows]
         error = model.fit_held_out(x, force[rows, None], group[rows], static)[0]
         size, before = float(np.sqrt(np.nanmean(error**2))), self.force_.report_['held_out_rmse']

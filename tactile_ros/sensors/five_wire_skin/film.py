@@ -6,7 +6,7 @@ then read garbage, in the baseline too. Where rests show that, potentials are ta
 read, and only the divider is less its baseline.
 
 The logarithm of the force is the static curve's plus shares of fading means of the past force, in
-units of the force now.
+units of the force now; both are those of the static curve, which creep changes alike.
 """
 
 from __future__ import annotations
@@ -17,12 +17,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import stdtrit
 
-from tactile_ros.conditioning.fading_memory import SECONDS_PER_NS, branch_weights
-from tactile_ros.physics.compiled import compiled
-
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from tactile_ros.conditioning.fading_memory import FadingMemory
     from tactile_ros.estimators.power_law_force import PowerLawForce
     from tactile_ros.types import Array, Bools, Columns, Integers, Signals
 
@@ -149,55 +147,6 @@ class ContactGate:
 TIME_CONSTANTS = np.array([0.3, 1.0, 4.0, 16.0, 64.0])  # s
 VARIATION = 0.15  # of what is taken off: no two places of a film creep alike
 MOST_RATIO = 1.0  # of a fading mean to the force: a film loses what it has crept as the load goes
-ROUNDS = 3  # in which a force and its own share of the means settle
-
-
-@compiled
-def creep_rows(
-    static: Array, stamp_ns: Integers, restart: Bools, tau: Array, gap: float, shares: Array,
-    state: Array, clock: Integers, force: Array, ratios: Array,
-) -> None:  # fmt: skip
-    """Write forces (s,) without creep and the fading means over them (s, m).
-
-    `static` (s,) are forces of the static curve: 0 where nothing touches; NaN: unusable, the last
-    one holds. `tau` (m,) are time constants (s), `gap` the force of the air gap (N), `shares`
-    (m,) those of the ratios in the logarithm of the force. Of the stream, `state` (1 + m,) holds
-    last force and means, `clock` (2,) whether it has begun, and its newest stamp.
-    """
-    count, weights = len(tau), np.zeros((3, len(tau)))
-    means = np.empty(count)
-    for s in range(len(static)):
-        begins = restart[s] or clock[0] == 0
-        if begins:
-            state[:] = 0.0
-            clock[0], clock[1] = 1, stamp_ns[s]
-        newer, held = stamp_ns[s] > clock[1], math.isnan(static[s])
-        weights[0], weights[1:] = 1.0, 0.0
-        if newer:
-            branch_weights((stamp_ns[s] - clock[1]) * SECONDS_PER_NS, tau, weights)
-        now = state[0] if held else static[s]
-        first = now - gap
-        for _ in range(ROUNDS):
-            total = 0.0
-            for i in range(count):
-                means[i] = weights[0, i] * state[1 + i] + weights[1, i] * state[0]
-                means[i] += weights[2, i] * now
-                ratios[s, i] = min(means[i] / now, MOST_RATIO) if now > 0.0 else 0.0
-                total += shares[i] * ratios[s, i]
-            if not held and now > gap:
-                now = first * math.exp(total) + gap
-        force[s] = math.nan if held else now
-        if newer or begins:
-            state[0], clock[1] = now, stamp_ns[s]
-            state[1:] = means
-
-
-class FilmMemory:
-    """Past of one stream: last force and its fading means; whether it has begun, newest stamp."""
-
-    def __init__(self) -> None:
-        self.state = np.zeros(1 + len(TIME_CONSTANTS))
-        self.clock = np.zeros(2, np.int64)
 
 
 class FilmCreep:
@@ -213,18 +162,18 @@ class FilmCreep:
         self.covariance_ = np.zeros((len(TIME_CONSTANTS),) * 2)
 
     def undo(
-        self, static: Array, stamp_ns: Integers, restart: Bools, memory: FilmMemory
+        self, static: Array, stamp_ns: Integers, restart: Bools, memory: FadingMemory
     ) -> tuple[Array, Array]:
-        """Forces (s,) (N) without creep, and the ratios (s, m); see `creep_rows`.
+        """Forces (s,) (N) without creep, and ratios (s, m) of the fading means to the force.
 
-        Frames come one at a time or many at once, with the same numbers.
+        `static` (s,) are forces of the static curve: 0 where nothing touches; NaN: unusable.
         """
-        force, ratios = np.empty(len(static)), np.empty((len(static), len(TIME_CONSTANTS)))
-        creep_rows(
-            static, stamp_ns, restart, TIME_CONSTANTS, self.curve_.gap_, self.shares_,
-            memory.state, memory.clock, force, ratios,
-        )  # fmt: skip
-        return force, ratios
+        means, gap = memory(static[:, None], stamp_ns, restart)[:, :, 0], self.curve_.gap_
+        pressed = static > 0
+        ratios = np.minimum(means / np.where(pressed, static, math.inf)[:, None], MOST_RATIO)
+        # no product of matrices: its sums run otherwise for one frame than for many
+        grown = np.exp(np.einsum('sm,m->s', ratios, self.shares_))
+        return np.where(static > gap, (static - gap) * grown + gap, static), ratios
 
     def variance(self, ratios: Array) -> Array:
         """Variance (s,) of the logarithm of a force by the shares and their variation."""

@@ -38,7 +38,6 @@ from tactile_ros.types import Array, Bools
 if TYPE_CHECKING:
     from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 
-STEP = 1e-3  # of a parameter, over which readings are differentiated
 NOISE, LEAST_NOISE = 4e-6, 1e-7  # T, where nothing states it; below it nothing is gained
 LEAST_LOAD = 1e-9  # N
 EDGES = (1, 2, 3, 4)  # dipoles along the edge of a block
@@ -217,11 +216,6 @@ class Specimens:
         self.sizes = (len(self.COMMON), 3 * magnets, 3 * magnets, magnets, gains)
         self.count = sum(self.sizes)
 
-    def gains(self, parameters: Array) -> Array:
-        """Gains and crossed axes (t, 3, 3) of the chips."""
-        share = self.config.gain_spread * parameters[-self.sizes[-1] :]
-        return np.asarray(np.eye(3) + share.reshape(-1, 3, 3))
-
     def common(self, parameters: Array) -> dict[str, float]:
         """Factors over the config, logarithm of the stiffening, the base's hold, a tip (radii)."""
         value = dict(zip(self.COMMON, self.SIGMA * parameters[: len(self.COMMON)], strict=True))
@@ -232,49 +226,25 @@ class Specimens:
             'tip': TIP * float(np.exp(np.clip(value['tip'], -2.0, 1.0))),
         }
 
-    def _field(self, k: int, touches: Array, parameters: Array, edge_nodes: int) -> Array:
-        """Change of field (s, t, 3) (T) by magnet k, as faultless chips read it."""
-        config, ours = self.config, self.common(parameters)
-        _, place, axis, strength, _ = np.split(parameters, np.cumsum(self.sizes[:-1]))
-        centre = config.magnet_positions[k] * np.array([1.0, 1.0, ours['height']])
-        centre = centre + self.PLACE * config.radius * place.reshape(-1, 3)[k]
-        own = config.magnet_axes[k] / np.linalg.norm(config.magnet_axes[k])
-        eased = touches.copy()
-        eased[:, 2] -= ours['stiffening'] * np.exp(touches[:, 2]) / self.full
-        one = replace(
-            config, magnet_positions=centre[None],
-            magnet_axes=own[None] + self.AXIS * axis.reshape(-1, 3)[[k]],
-            shear_modulus=config.shear_modulus * ours['shear_modulus'],
-        )  # fmt: skip
-        field = change_of_field(one, eased, ours['tip'], ours['bond'], edge_nodes)
-        return ours['remanence'] * float(np.exp(self.STRENGTH * strength[k])) * field
-
     def __call__(self, touches: Array, parameters: Array, edge_nodes: int = 2) -> Array:
         """Change of the readings (s, 3 t) (T) of a specimen."""
-        magnets = range(len(self.config.magnet_positions))
-        total = np.sum([self._field(k, touches, parameters, edge_nodes) for k in magnets], axis=0)
-        seen = np.einsum('tij,stj->sti', self.gains(parameters), total)
-        return np.asarray(seen.reshape(len(touches), -1))
-
-    def slopes(self, touches: Array, parameters: Array, edge_nodes: int) -> Array:
-        """Change (s, 3 t, p) (T) of readings with the parameters, by differences where need be."""
-        magnets = range(len(self.config.magnet_positions))
-        fields = [self._field(k, touches, parameters, edge_nodes) for k in magnets]
-        place, _, strength, gain = np.cumsum(self.sizes[:-1])
-        slopes = np.zeros((*fields[0].shape, self.count))
-        for i in range(strength):
-            near = magnets if i < place else [(i - place) // 3 % len(magnets)]
-            moved = parameters.copy()
-            moved[i] += STEP
-            for k in near:
-                field = self._field(k, touches, moved, edge_nodes)
-                slopes[..., i] += (field - fields[k]) / STEP
-        for k, field in enumerate(fields):
-            slopes[..., strength + k] = self.STRENGTH * field
-        slopes = np.einsum('tij,stjp->stip', self.gains(parameters), slopes)
-        for n, (t, i, j) in enumerate(np.ndindex(slopes.shape[1], 3, 3)):
-            slopes[:, t, i, gain + n] = self.config.gain_spread * np.sum(fields, axis=0)[:, t, j]
-        return np.asarray(slopes.reshape(len(touches), -1, self.count))
+        config, ours = self.config, self.common(parameters)
+        _, place, axis, strength, gain = np.split(parameters, np.cumsum(self.sizes[:-1]))
+        centres = config.magnet_positions * np.array([1.0, 1.0, ours['height']])
+        centres = centres + self.PLACE * config.radius * place.reshape(-1, 3)
+        axes = config.magnet_axes / np.linalg.norm(config.magnet_axes, axis=1, keepdims=True)
+        axes = axes + self.AXIS * axis.reshape(-1, 3)
+        eased, stiff = touches.copy(), config.shear_modulus * ours['shear_modulus']
+        eased[:, 2] -= ours['stiffening'] * np.exp(touches[:, 2]) / self.full
+        field = np.zeros((len(touches), len(config.positions), 3))
+        for centre, own, share in zip(centres, axes, self.STRENGTH * strength, strict=True):
+            one = replace(
+                config, magnet_positions=centre[None], magnet_axes=own[None], shear_modulus=stiff
+            )
+            part = change_of_field(one, eased, ours['tip'], ours['bond'], edge_nodes)
+            field += ours['remanence'] * np.exp(share) * part
+        gains = np.eye(3) + config.gain_spread * gain.reshape(-1, 3, 3)
+        return np.einsum('tij,stj->sti', gains, field).reshape(len(touches), -1)
 
 
 # -- response ------------------------------------------------------------------------------------
@@ -341,12 +311,8 @@ class PadResponse:
             error = (pad(known, parameters, self.nodes_)[:, self.live] - wanted) / sigma
             return np.concatenate([error.ravel(), parameters])
 
-        def jacobian(parameters: Array) -> Array:
-            slopes = pad.slopes(known, parameters, self.nodes_)[:, self.live] / sigma[:, :, None]
-            return np.concatenate([slopes.reshape(-1, pad.count), np.eye(pad.count)])
-
         start = np.zeros(pad.count) if start is None else start
-        self.parameters_ = least_squares(residual, start, jacobian, max_nfev=rounds, ftol=1e-4).x
+        self.parameters_ = least_squares(residual, start, max_nfev=rounds, ftol=1e-4).x
         self._tabulate(pad)
         return self
 
