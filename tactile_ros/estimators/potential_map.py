@@ -39,7 +39,6 @@ HYPER = HyperPrior(np.array([6.0, 1.5, 2.0, 1.0]), np.array([2.0, 0.3, 2.0, 2.0]
 # pads in the corners shorten all sides at both ends: sines of a sawtooth, and of a rounded one
 EVEN = np.arange(1.0, SINES + 1) * (np.arange(1, SINES + 1) % 2 == 0)
 PADS = np.stack([np.where(EVEN > 0, 1 / np.maximum(EVEN, 1), 0.0), EVEN / SINES**2], axis=1)
-ROUNDS = 2  # in which the corners' potentials settle
 SAME = 1e-5  # m: places as near to each other are one
 LEAST_NOISE = 1e-9
 CELLS = 41  # along an edge, in which the covariance of the calibration is tabulated
@@ -214,15 +213,12 @@ class PotentialMap:
         bilinear = np.column_stack([np.ones(len(z)), z, z[:, 0] * z[:, 1]])
         signs = np.array([[1, -1, -1, 1], [1, 1, -1, -1], [1, 1, 1, 1], [1, -1, 1, -1]])
         corners = (signs @ np.linalg.lstsq(bilinear, known.means, rcond=None)[0]).T
-        at_corners = self._terms(self.size * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]))[:, 0]
-        for _ in range(ROUNDS):
-            build = self._combination(corners)
-            terms = np.einsum('nm,kmp->knp', elementary, build)
-            moments = Moments.of(terms.reshape(len(target), -1), target)
-            self.hyper_ = HYPER.maximise(moments, _prior_of(count), known.least)
-            weights, root, _ = moments.solve(np.exp(_prior_of(count)(self.hyper_)[0]))
-            self.weights_ = build @ weights[:, 0]
-            corners = np.asarray(self.weights_ @ at_corners.T)
+        build = self._combination(corners)
+        terms = np.einsum('nm,kmp->knp', elementary, build)
+        moments = Moments.of(terms.reshape(len(target), -1), target)
+        self.hyper_ = HYPER.maximise(moments, _prior_of(count), known.least)
+        weights, root, _ = moments.solve(np.exp(_prior_of(count)(self.hyper_)[0]))
+        self.weights_ = build @ weights[:, 0]
         mean_noise = max(moments.left(weights, root), known.least, LEAST_NOISE)
         self.noise_ = known.within or mean_noise
         root = mean_noise * root

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
-from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import least_squares
 from scipy.sparse import csr_array
 
+from tactile_ros.estimators.evidence_regression import Moments
 from tactile_ros.estimators.model_selection import spread_rows
 from tactile_ros.estimators.regression import gaussian
 from tactile_ros.physics.elastomer import disc_press
@@ -244,7 +244,8 @@ class Specimens:
             part = change_of_field(one, eased, ours['tip'], ours['bond'], edge_nodes)
             field += ours['remanence'] * np.exp(share) * part
         gains = np.eye(3) + config.gain_spread * gain.reshape(-1, 3, 3)
-        return np.einsum('tij,stj->sti', gains, field).reshape(len(touches), -1)
+        seen = np.einsum('tij,stj->sti', gains, field)
+        return np.asarray(seen.reshape(len(touches), -1))
 
 
 # -- response ------------------------------------------------------------------------------------
@@ -256,7 +257,7 @@ RIGHT = 0.02  # of a reading: residual of a specimen's model
 LOADS = np.linspace(0.1, 1.4, 6)  # of the largest load, at which the response is tabulated
 CENTRES = (20, 14)  # of the residual's kernel
 LENGTHS = (0.25, 0.4, 0.7)  # of the residual's kernel, in radii
-AMPLITUDES = 10.0 ** np.arange(-2.0, 4.0, 0.5)  # of the residual over the noise
+AMPLITUDES = 10.0 ** np.arange(-1.0, 2.5, 0.5)  # of the residual over the noise
 SQUARE = 0.4  # amplitude of the residual's part that is square in the load
 LEAST_SHARE = 1e-9  # of the largest eigenvalue
 
@@ -391,10 +392,13 @@ class ResponseResidual:
             mixing = self._mixing(length)
             bumps = self._kernel(touches[:, :2], length) @ mixing
             terms = (own[:, :, None] * bumps[:, None]).reshape(len(x), -1)
-            likely = _evidence(terms, self.error, self.weight)
-            if likely.max() > best:
-                best, self.amplitude = float(likely.max()), float(AMPLITUDES[likely.argmax()])
-                self.length, self.mixing, self.terms = length, mixing, terms
+            moments = Moments.of(terms, self.error, self.weight)
+            for amplitude in AMPLITUDES.tolist():
+                spread = np.full(terms.shape[1], amplitude)
+                likely = moments.evidence(spread)[0]
+                if likely > best:
+                    best, self.length, self.mixing = likely, length, mixing
+                    self.moments, self.spread = moments, spread
 
     def _kernel(self, place: Array, length: float) -> Array:
         """Kernel (s, n) of places (s, 2) (m, rad) and centres over the surface."""
@@ -413,24 +417,6 @@ class ResponseResidual:
 
     def solve(self) -> Array:
         """Most probable coefficients (p, d)."""
-        weighed = self.weight[:, None] * self.terms
-        matrix = weighed.T @ self.terms
-        matrix[np.diag_indices_from(matrix)] += self.amplitude**-2
-        weights = cho_solve(cho_factor(matrix), weighed.T @ self.error)
+        weights = self.moments.solve(self.spread)[0]
         sizes = np.repeat(self.sizes, len(weights) // len(self.sizes))
         return np.asarray(sizes[:, None] * weights)
-
-
-def _evidence(terms: Array, y: Array, weight: Array) -> Array:
-    """Logarithm of the evidence of each amplitude of terms (s, p), up to a constant."""
-    scaled = weight[:, None] * terms
-    value, vector = np.linalg.eigh(scaled.T @ terms)
-    value = np.maximum(value, 0.0)
-    cross = ((vector.T @ (scaled.T @ y)) ** 2).sum(axis=1)
-    square, found = float((weight[:, None] * y * y).sum()), []
-    for amplitude in AMPLITUDES:
-        gain = amplitude**2 / (1 + amplitude**2 * value)
-        misfit = max(square - float(gain @ cross), 1e-12 * square + 1e-300)
-        volume = y.shape[1] * np.log1p(amplitude**2 * value).sum()
-        found.append(-0.5 * (y.size * np.log(misfit / y.size) + volume))
-    return np.array(found)
