@@ -18,7 +18,7 @@ from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.gaussian_sum_table import Linearised, TouchEstimate, TouchPosterior
 from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.estimators.model_selection import held_out_report, rms_length
-from tactile_ros.estimators.regression import group_folds
+from tactile_ros.estimators.regression import _by_appearance, group_folds
 from tactile_ros.sensors.magnet_pad.body_model import (
     EDGE,
     LEAST_NOISE,
@@ -186,10 +186,7 @@ class PadInversion:
         self.touches_, self.radius_ = touches, radius
         leaning = bool((touches[:, 3:] ** 2).mean() > LEANING**2)
         self.response_ = self._response(touches, x, np.ones(len(x), bool), leaning)
-        _, first, index = np.unique(groups, return_index=True, return_inverse=True)
-        rank = np.empty(len(first), np.int64)
-        rank[np.argsort(first)] = np.arange(len(first))
-        fold = group_folds(rank[index.reshape(-1)], FOLDS, seed=0)
+        fold = group_folds(_by_appearance(groups), FOLDS, seed=0)
         self._validate(touches, x, groups, fold)
         remains = x if self.common is None else self._less_uniform(x)
         lightest = float(np.quantile(np.linalg.norm(remains, axis=1), 0.01))
