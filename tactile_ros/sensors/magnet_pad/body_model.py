@@ -257,7 +257,7 @@ RIGHT = 0.02  # of a reading: residual of a specimen's model
 LOADS = np.linspace(0.1, 1.4, 6)  # of the largest load, at which the response is tabulated
 CENTRES = (20, 14)  # of the residual's kernel
 LENGTHS = (0.25, 0.4, 0.7)  # of the residual's kernel, in radii
-AMPLITUDES = 10.0 ** np.arange(-1.0, 2.5, 0.5)  # of the residual over the noise
+AMPLITUDES = 10.0 ** np.arange(-0.5, 3.5, 0.5)  # of the residual over the noise
 SQUARE = 0.4  # amplitude of the residual's part that is square in the load
 LEAST_SHARE = 1e-9  # of the largest eigenvalue
 
