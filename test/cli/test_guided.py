@@ -217,10 +217,12 @@ def test_judge_says_at_once_why_it_finds_nothing() -> None:
 
 
 def test_judge_gives_up_what_more_presses_have_made_old() -> None:
-    board, made, released = Layout(np.eye(3)[:2], ('output',), '1', rate_hz=100.0), [], Event()
+    board, made = Layout(np.eye(3)[:2], ('output',), '1', rate_hz=100.0), []
+    begun, released = Event(), Event()
 
     class Fit:
         def fit(self, _: Recording) -> 'Fit':
+            begun.set()
             released.wait(60)
             return self
 
@@ -238,6 +240,7 @@ def test_judge_gives_up_what_more_presses_have_made_old() -> None:
     guide = PressGuide(board, targets, presses=[(i, press) for i in range(5)])
     judge = Judge(make)
     judge.begin(guide)
+    assert begun.wait(60)
     guide.presses.append((5, press))
     judge.least = 6
     released.set()
