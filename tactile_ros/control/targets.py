@@ -66,10 +66,11 @@ class GripTargets:
     def restart(self) -> None:
         """Begin a grasp."""
         self._raise, self._since, self._slips, self._slipping = 1.0, 0.0, 0, False
+        self._most = MOST
 
     def begin(self, targets: Sequence[float], adapt: bool) -> None:
         """Begin to go to targets (N) of the fingers in use, which may be raised if `adapt`."""
-        self._each, self._adapt, self._raise = list(targets), adapt, 1.0
+        self._each, self._adapt, self._raise, self._most = list(targets), adapt, 1.0, MOST
         self._share([finger.used for finger in self._fingers])
 
     def _share(self, pressing: Sequence[bool]) -> None:
@@ -110,6 +111,8 @@ class GripTargets:
             if finger.asked > 0.0 and factor > 1.0 and finger.pressing:
                 ahead = AHEAD_FULL if finger.law.stop else AHEAD
                 factor = min(factor, max(finger.normal / finger.asked + ahead, 1.0))
+                if finger.law.stop and factor < self._raise:
+                    self._raise = self._most = factor
         for finger in self._fingers:
             ahead = factor * finger.asked - finger.target
             if full and ahead > 0.0 and finger.target >= finger.asked:
@@ -126,7 +129,8 @@ class GripTargets:
         strongest = self.strongest
         if strongest <= 0.0:
             return
-        most = max(min(MOST, self.config.force_high / strongest), 1.0)
+        most = max(min(self._most, self.config.force_high / strongest), 1.0)
+        self._most = min(self._most + dt * MOST / self.config.relax_time, MOST)
         self._since += dt
         needed, slipping = 1.0, False
         for finger in self._fingers:
