@@ -6,9 +6,9 @@ of the fingers grow together (`GripTargets`). An approach goes no further in the
 needs to react than the stiffest object yields under `IMPACT` asked forces.
 
 Fingers that oppose each other on a free object would push it to the weaker sensor: the part of
-their errors that pushes counts by `NET` until all are settled, for `NET_TIME` at most. Afterwards
-the squeeze alone is regulated, and each finger closes by its share of it: a difference between
-fingers of one side is what holds the object against turning.
+their errors that pushes counts by `NET` until all are settled, or the object still walks after
+`NET_TIME`. Afterwards the squeeze alone is regulated, and each finger closes by its share of it: a
+difference between fingers of one side is what holds the object against turning.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ WAITING, WAITING_SHARE = 2.0, 0.7  # levels of contact, of the target: force tha
 TOUCH_TIME = 1.0  # s, longest wait for the other fingers
 SETTLED, SETTLED_SIGMAS, SETTLED_TIME, AVERAGED = 0.07, 0.5, 0.3, 0.08  # of a target; s
 MOST_ERROR = 0.1  # of the target: a held finger has no more
-NET, NET_TIME = 0.5, 3.0  # share of errors that push an object, s of a load
+NET, NET_TIME = 0.5, 3.0  # share of errors that push an object; s of a load until it must stand
+WATCHED, WALKS = 0.5, 0.005  # s, closures that what stands does not go in them
 STRONGEST = 1.2  # targets that the strongest reading may have while sides disagree
 LATE = 1.5  # periods without a new force: one may be missed or cross with a step
 SAME = 1e-9  # closure within which a command was admitted as it was
@@ -109,7 +110,8 @@ class GripForce:
         """Nothing is held: another object may come."""
         self.phase = GripPhase.IDLE
         self._waited = self._calm = self._unseen = self._since = 0.0
-        self._has_settled = self._held = self._has_begun = False
+        self._has_settled = self._held = self._has_begun = self._pushed = False
+        self._place, self._due = nan, NET_TIME
         self._trusted = True
         self._idle, self._opens, self.fault = NOT_ASKED, '', ''
         self._targets.restart()
@@ -179,7 +181,8 @@ class GripForce:
         self._targets.begin(targets, adapt)
         self.phase = GripPhase.LOAD if held else GripPhase.CLOSE
         self._held, self._calm, self.fault = held, 0.0, ''
-        self._since, self._has_settled = 0.0, False
+        self._place, self._due = nan, NET_TIME
+        self._since, self._has_settled, self._pushed = 0.0, False, False
 
     def release(self, why: str = '') -> None:
         """Open; `refusal` says `why` from now until the next grasp, where something went wrong."""
@@ -406,7 +409,7 @@ class GripForce:
         if not complete:
             self._unseen += dt
             return
-        self._share_errors()
+        self._share_errors(closures)
         # an object that one side pushes away feels soft: that is not its stiffness
         gripped = not self._opposed or {-1, 1} <= {finger.side for finger in touching}
         calm = self.phase == GripPhase.HOLD and bool(touching)
@@ -435,14 +438,16 @@ class GripForce:
             law.stiffness.step(closure, force, on[0].sigma)
         law.regulate(target, target - error, dt, self._unseen)
 
-    def _share_errors(self) -> None:
+    def _share_errors(self, closures: list[float]) -> None:
         """Errors of touching fingers (N), without what would push a free object further."""
         for finger in self.fingers:
             finger.regulated = finger.error if finger.pressing else 0.0
         sided = [finger for finger in _pressing(self.fingers) if finger.side]
         if len({finger.side for finger in sided}) < 2:
             return
-        pushes = self._since < NET_TIME and not self._has_settled
+        if self._since >= self._due:
+            self._watch(closures)
+        pushes = not (self._has_settled or self._pushed)
         if pushes:
             net = sum(finger.side * finger.regulated for finger in sided) / len(sided)
             for finger in sided:
@@ -460,6 +465,16 @@ class GripForce:
                 finger.regulated = min(finger.regulated, over * finger.target)
                 if pushes and finger.side == strong:
                     finger.regulated = min(finger.regulated, finger.error)
+
+    def _watch(self, closures: list[float]) -> None:
+        """Judge whether sided fingers push their object on and on: nothing else holds it then."""
+        rows = list(zip(self.fingers, self._order, strict=True))
+        near, far = (
+            _mean([closures[drive] for f, drive in rows if f.pressing and f.side == side])
+            for side in (1, -1)
+        )
+        self._pushed |= abs(0.5 * (near - far) - self._place) > WALKS
+        self._place, self._due = 0.5 * (near - far), self._due + WATCHED
 
     def _approach(self, law: ForcePi, fingers: list[Finger], closure: float) -> float:
         """Speed (1/s) of a drive that nothing touches; one that feels nothing stays.

@@ -101,7 +101,8 @@ class GripTargets:
         """Move towards what is wanted; return whether every target is where it should be.
 
         A raise waits for the slowest finger, so that drives that can give no more stop all. Where
-        a drive gives all its torque (`full`) a raise would push the object to its side.
+        a drive gives all its torque (`full`) a raise would push the object to its side. What a
+        drive at its limit does not reach is wanted no more: it would be tried for ever.
         """
         if self._adapt:
             self._answer(dt)

@@ -54,6 +54,16 @@ class Run:
         return self.finger.target
 
 
+def test_a_raise_ends_where_its_drive_gives_no_more() -> None:
+    run = Run(1.0, load=0.4)  # which wants 2.7 N
+    made = []
+    for _ in range(100):
+        # its limit is felt only while more is asked for than it gives
+        run.finger.law.stop = 'full' if run.finger.target > 2.2 else ''
+        made.append(run.grow(1, force=min(run.finger.target, 2.1)))
+    assert max(made[-50:]) - min(made[-50:]) < 0.3
+
+
 def test_grip_targets_grow_at_their_rate() -> None:
     run = Run(2.0, adapt=False)
     run.finger.target = 0.3
