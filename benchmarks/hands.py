@@ -19,6 +19,7 @@ if find_spec('mujoco'):
 SEEDS = {'quick': 1, 'normal': 5, 'full': 10}
 FRICTIONS, OBJECTS = (0.4, 0.7, 1.0), ('sphere', 'box', 'cylinder', 'soft', 'heavy')
 FORCE, PULL, HOLDS = 1.5, 1.0, 4.0  # N, N, s
+DRAWS = 12  # hands of a seed whose drives are others than their file says
 TOUCHED = 0.1  # N
 NAMES = {'v4': 'V4, stock gains', 'sense': 'V5 Sense, stock gains', 'stiff': '3 N m/rad, pinch'}
 
@@ -29,7 +30,7 @@ def run(extent: str, command: str) -> BenchResult:
         note = 'Hands are left out: they need mujoco: pip install mujoco.'
         return BenchResult('hands', command, [], [], [note])
     seeds = list(range(SEEDS[extent]))
-    rows = [*_reach_rows(seeds), *_object_rows(seeds), *_case_rows(seeds)]
+    rows = [*_reach_rows(seeds), *_object_rows(seeds), *_drawn_rows(seeds), *_case_rows(seeds)]
     notes = [
         'Hands by their shipped files and parameters, 15 ms from command to drive, contacts and '
         'joint states at 100 Hz. Drives: gains and torque clips of the vendors, and 3 N m/rad '
@@ -98,6 +99,28 @@ def _object_rows(seeds: list[int]) -> list[Row]:
             aim = 0.98 if kind != 'heavy' and friction > FRICTIONS[0] else None
             rows.append(_row(f'{kind}, friction {friction:g}: kept', '1', kept, aim, 'high'))
     return rows
+
+
+def _drawn_rows(seeds: list[int]) -> list[Row]:
+    """Share of objects held and kept by hands whose drives are not those of their file."""
+    held, kept = [], []
+    for seed in seeds:
+        rng, ends = np.random.default_rng(seed), []
+        for draw in range(DRAWS):
+            about = {'kind': OBJECTS[draw % 4], 'friction': rng.uniform(*FRICTIONS[::2])}
+            one = _held(rng.uniform(1.0, 2.0), **about, seed=1000 * seed + draw, drawn=True)
+            ends.append([one is not None, False])
+            if one is not None:
+                one.hand_over(PULL)
+                one.run(HOLDS)
+                ends[-1][1] = one.moved < world.DROPPED
+        for column, share in zip((held, kept), np.mean(ends, axis=0), strict=True):
+            column.append(float(share))
+    what = 'gains, clips and dead time drawn'
+    return [
+        _row(f'{what}: held', '1', held, 0.95, 'high'),
+        _row(f'{what}: kept', '1', kept, 0.9, 'high'),
+    ]
 
 
 def _held(force: float = FORCE, **about: object) -> object | None:

@@ -56,6 +56,8 @@ class AllegroWorld:
         Of each component of a force (N), as `wrench_covariance` states it.
     tilt : float
         By which the sensor frames are turned against the tips (rad).
+    drawn : bool
+        The seed draws gains, torque clips and dead time, which are not those of the file.
 
     Attributes
     ----------
@@ -73,14 +75,20 @@ class AllegroWorld:
         seed: int = 0,
         noise: float = 0.02,
         tilt: float = 0.0,
+        drawn: bool = False,
     ) -> None:
         self.hand, self.noise = load_hand(SHIPPED[drive]), noise
         self.rng, driver = np.random.default_rng(seed), self.hand.driver
+        gain, clip, self._dead = 1.0, 1.0, DEAD_TIME
+        if drawn:
+            gain, clip = np.exp(self.rng.uniform(-0.6, 0.6)), self.rng.uniform(0.75, 1.5)
+            self._dead = self.rng.uniform(0.005, 0.03)
         order = FINGERS if driver.joints[0] == 'joint_0_0' else ('thumb', *FINGERS[:3])
         places = [(FINGERS.index(name), i) for name in order for i in range(4)]
         joints = [f'joint_{4 * finger + i}_0' for finger, i in places]
-        drives = [(name, *(part[i] for part in DRIVES[drive][FINGERS[finger] == 'thumb']))
-                  for name, (finger, i) in zip(joints, places, strict=True)]  # fmt: skip
+        rows = [np.transpose(DRIVES[drive][FINGERS[finger] == 'thumb'])[i] for finger, i in places]
+        drives = [(name, gain * kp, clip * most)
+                  for name, (kp, most) in zip(joints, rows, strict=True)]  # fmt: skip
         self.model = mujoco.MjModel.from_xml_string(_scene(kind, friction, drives))
         self.data = mujoco.MjData(self.model)
         self._q = np.array([self.model.joint(name).qposadr[0] for name in joints])
@@ -204,7 +212,7 @@ class AllegroWorld:
             self.loop.take_joints(position, self.time, self.data.actuator_force.copy())
         self.made = made = self.loop.step(self.time, round(1e9 * self.time))
         if made.command is not None:
-            self._waiting.append((self.time + DEAD_TIME, made.command.position))
+            self._waiting.append((self.time + self._dead, made.command.position))
         for _ in range(round(PERIOD / STEP)):
             while self._waiting and self._waiting[0][0] <= self.time:
                 self.data.ctrl[:] = self._waiting.popleft()[1]
