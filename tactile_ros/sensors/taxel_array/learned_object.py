@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -161,8 +160,8 @@ class LearnedObject:
             yield frames, strength * smooth, np.eye(SIDE**2), ROUNDS
         fields = frames.some(rows).solve(SMOOTH[0] * smooth, 1)[0]
         axes = self._axes(finer.some(rows), fields[0])
-        for cut, knots in product((False, True), KNOTS):
-            basis = profile_basis(axes, self.half, TUBE_SIDE, knots, cut)
+        for knots in KNOTS:
+            basis = profile_basis(axes, self.half, TUBE_SIDE, knots)
             curved = np.diff(np.eye(basis.shape[1]), 2, axis=0)
             stiff = STIFF * (curved.T @ curved) + SLIGHT * np.eye(basis.shape[1])
             yield finer.over(basis), stiff, basis, TUBE_ROUNDS
@@ -250,11 +249,11 @@ class LearnedObject:
             columns['position_cov'][i, :2, :2] = cov[:2, :2]
 
 
-def profile_basis(axes: Array, half: float, side: int, knots: int, cut: bool = False) -> Array:
+def profile_basis(axes: Array, half: float, side: int, knots: int) -> Array:
     """B-splines (n, k) of the distance of grid nodes to the nearer of two axes from one bend.
 
     `axes` (4,) holds their directions (rad) and the place of the bend (m), where each cylinder
-    ends round or is `cut`.
+    ends round.
     """
     line = np.linspace(-half, half, side)
     u, v = line[None, :] - axes[2], line[:, None] - axes[3]
@@ -262,8 +261,7 @@ def profile_basis(axes: Array, half: float, side: int, knots: int, cut: bool = F
     for turn in axes[:2]:
         along = np.cos(turn) * u + np.sin(turn) * v
         across = np.cos(turn) * v - np.sin(turn) * u
-        behind = np.inf if cut else -along
-        away = np.minimum(away, np.hypot(across, np.where(along > 0, 0.0, behind)))
+        away = np.minimum(away, np.hypot(across, np.minimum(along, 0.0)))
     ends = np.concatenate([np.zeros(3), np.linspace(0.0, half, knots), np.full(3, half)])
     inside = np.minimum(away, half * (1 - 1e-9)).reshape(-1)
     return np.asarray(BSpline.design_matrix(inside, ends, 3).toarray())
