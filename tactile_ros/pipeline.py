@@ -559,6 +559,7 @@ class Pipeline:
             raise CalibrationError(msg) from error
         vars(pipeline).update(parts, sensor=sensor, tare_frames=0, failures=0, failure='')
         try:
+            pipeline.estimation.refuse_damage()
             now = pipeline.warm_up()
             stored = calibration.restore(arrays, 'answers', {})
             _refuse_other_answers(now, stored)

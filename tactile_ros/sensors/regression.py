@@ -66,6 +66,7 @@ PLACE = 1e-5
 MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
 ROUNDING = 1e-9  # of the largest reading: what moves less is a constant
 BLOCK = 1024  # rows whose history stays in the cache
+STORED, SAME = 13, 1e-9  # features of a touch; of the largest of them
 SOFT = 2.0  # width of a step, over the lightest load that counts
 BEYOND_CALM = 2.0  # of the largest change without a load: what changes more is a touch
 OUT_OF_RANGE = np.int64(FrameStatus.OUT_OF_RANGE)
@@ -338,6 +339,7 @@ class Touch:
 
     step_: KernelRidge
     calm_: Array  # (n,) largest change of the readings without a load (unit of x)
+    stored_: Array  # (k, d + 1) a few features of the fit, and their step
     report_: dict[str, float]  # held-out shares of calm and of touched rows called touch
 
     def fit(
@@ -372,7 +374,19 @@ class Touch:
         self.calm_ = np.abs(x[calm, :channels]).max(axis=0, initial=0.0)
         self.step_ = KernelRidge(length=0.4, linear=1.0, strengths=(1e-6,))
         self.step_.fit(x, np.tanh(load / SOFT)[:, None])
+        few = x[np.linspace(0, len(x) - 1, STORED).astype(np.int64)]
+        self.stored_ = np.column_stack([few, self.step_.predict(few)])
         return self
+
+    def refuse_damage(self) -> None:
+        """Raise ValueError where stored features have another step, or a limit is not finite."""
+        step = self.step_.predict(self.stored_[:, :-1])[:, 0]
+        off = np.abs(step - self.stored_[:, -1])
+        if not (
+            np.isfinite(self.calm_).all() and (off <= SAME * np.abs(self.stored_).max()).all()
+        ):
+            msg = 'its touch is not that of the fit'
+            raise ValueError(msg)
 
     def predict(self, x: Array) -> Bools:
         """Touch (s,) of features (s, d)."""
@@ -404,6 +418,11 @@ class Regression(Estimation):
         self.votes_: tuple[Vote, ...] = ()
         self.turn_: Head | None = None
         self.slip_: SlipDetector | None = None
+
+    def refuse_damage(self) -> None:
+        """Raise ValueError where touch is not what its fit stored."""
+        if self.touch_ is not None:
+            self.touch_.refuse_damage()
 
     @property
     def estimators(self) -> dict[str, str]:

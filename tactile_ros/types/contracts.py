@@ -105,6 +105,9 @@ class Estimation:
         """Fresh memory of a stream."""
         return None
 
+    def refuse_damage(self) -> None:
+        """Raise ValueError where a part does not answer what its fit stored with it."""
+
     def implausible_taxels(self, values: Array) -> Bools | None:
         """Taxels (s, t) whose readings (s, t, c) no sensor can give: they count as not read."""
 

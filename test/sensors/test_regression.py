@@ -224,3 +224,7 @@ def test_touch_is_learned_only_where_it_beats_the_threshold(informed: bool) -> N
     if found is not None:
         assert found.report_['held_out_found'] > 0.95 > found.report_['threshold_found']
         np.testing.assert_array_equal(found.predict(x), touched)
+        found.refuse_damage()
+        found.step_.bumps_[:] = 0.0
+        with pytest.raises(ValueError, match='touch is not that of the fit'):
+            found.refuse_damage()
