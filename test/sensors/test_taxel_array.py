@@ -661,7 +661,7 @@ def test_ring_tells_no_radius_and_its_sigma_says_so() -> None:
 
 
 def test_no_component_is_surer_of_itself_than_it_may_be_and_sigmas_are_no_excuse() -> None:
-    for name, (error, sigma) in taxel_skins.gathered(14).items():
+    for name, (error, sigma) in taxel_skins.gathered(20).items():
         assert len(error) > 40
         assert (sigma > 0).all()
         thirds = np.array_split(np.argsort(sigma, kind='stable'), 3)
