@@ -42,6 +42,7 @@ SETTLED, SETTLED_SIGMAS, SETTLED_TIME, AVERAGED = 0.07, 0.5, 0.3, 0.08  # of a t
 MOST_ERROR = 0.1  # of the target: a held finger has no more
 NET, NET_TIME = 0.5, 3.0  # share of errors that push an object; s of a load until it must stand
 WATCHED, WALKS = 0.5, 0.005  # s, closures that what stands does not go in them
+AGREED = 0.5  # least force of a side, of that of the other: else one reads wrongly
 STRONGEST = 1.2  # targets that the strongest reading may have while sides disagree
 LATE = 1.5  # periods without a new force: one may be missed or cross with a step
 SAME = 1e-9  # closure within which a command was admitted as it was
@@ -109,9 +110,9 @@ class GripForce:
     def _forget(self) -> None:
         """Nothing is held: another object may come."""
         self.phase = GripPhase.IDLE
-        self._waited = self._calm = self._unseen = self._since = 0.0
-        self._has_settled = self._held = self._has_begun = self._pushed = False
-        self._place, self._due = nan, NET_TIME
+        self._waited = self._calm = self._unseen = 0.0
+        self._held = self._has_begun = False
+        self._begin_load()
         self._trusted = True
         self._idle, self._opens, self.fault = NOT_ASKED, '', ''
         self._targets.restart()
@@ -181,8 +182,12 @@ class GripForce:
         self._targets.begin(targets, adapt)
         self.phase = GripPhase.LOAD if held else GripPhase.CLOSE
         self._held, self._calm, self.fault = held, 0.0, ''
-        self._place, self._due = nan, NET_TIME
-        self._since, self._has_settled, self._pushed = 0.0, False, False
+        self._begin_load()
+
+    def _begin_load(self) -> None:
+        """Let errors push the object until fingers have settled, or it walks."""
+        self._since, self._due, self._place = 0.0, NET_TIME, nan
+        self._has_settled = self._pushed = False
 
     def release(self, why: str = '') -> None:
         """Open; `refusal` says `why` from now until the next grasp, where something went wrong."""
@@ -467,14 +472,18 @@ class GripForce:
                     finger.regulated = min(finger.regulated, finger.error)
 
     def _watch(self, closures: list[float]) -> None:
-        """Judge whether sided fingers push their object on and on: nothing else holds it then."""
-        rows = list(zip(self.fingers, self._order, strict=True))
-        near, far = (
-            _mean([closures[drive] for f, drive in rows if f.pressing and f.side == side])
-            for side in (1, -1)
-        )
-        self._pushed |= abs(0.5 * (near - far) - self._place) > WALKS
-        self._place, self._due = 0.5 * (near - far), self._due + WATCHED
+        """Judge whether fingers push an object on and on: it walks, or one side reads wrongly."""
+        pressing = [
+            (f.side, closures[drive], f.normal)
+            for f, drive in zip(self.fingers, self._order, strict=True)
+            if f.pressing
+        ]
+        near, far = (_mean([at for side, at, _ in pressing if side == own]) for own in (1, -1))
+        forces = [sum(force for side, _, force in pressing if side == own) for own in (1, -1)]
+        place = 0.5 * (near - far)
+        walks = abs(place - self._place) > WALKS
+        self._pushed |= walks or min(forces) < AGREED * max(forces)
+        self._place, self._due = place, self._due + WATCHED
 
     def _approach(self, law: ForcePi, fingers: list[Finger], closure: float) -> float:
         """Speed (1/s) of a drive that nothing touches; one that feels nothing stays.
