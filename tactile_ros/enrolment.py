@@ -10,21 +10,26 @@ changing places, so that a simple model of a sensor gives both the readings and 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.types import Array, Frame, Integers, Layout, Recording
+from tactile_ros.types import (
+    Array,
+    Estimation,
+    Frame,
+    Integers,
+    Layout,
+    Recording,
+    Report,
+    SensorConfig,
+)
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from tactile_ros.types import Estimation, Report, SensorConfig
-
-    Signal = Callable[[float], Array]
-    Truth = Mapping[str, npt.NDArray[np.generic]]
+Signal = Callable[[float], Array]
+Truth = Mapping[str, npt.NDArray[np.generic]]
 
 REST_S, TARE_S = 1.0, 0.5
 BLOCK = 1024  # rows of a model at once: thousands of taxels fill the memory otherwise

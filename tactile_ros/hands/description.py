@@ -3,23 +3,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar, cast
+from typing import TypeVar, cast
 
 import numpy as np
 
+from tactile_ros.control import GripConfig
 from tactile_ros.files import read_yaml
 from tactile_ros.hands.drivers import HandDriver, in_order, load_driver
-from tactile_ros.types import Array, admit_name
+from tactile_ros.types import Array, Integers, JointLimits, admit_name
 from tactile_ros.types.config_fields import admit, array, number, text_of, texts, whole
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from tactile_ros.control import GripConfig
-    from tactile_ros.types import Array, Integers, JointLimits
 
 FULL = 0.95  # of the torque at which a drive clips
 SOFTLY = 0.5  # 1/s, approach of drives that give way

@@ -3,15 +3,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from tactile_ros.control import GripConfig, qb_softhand
-from tactile_ros.messages import fill_header, packed
-from tactile_ros.types import Array, GripCommand, JointLimits, admit_name
+from tactile_ros.messages import Message, fill_header, packed
+from tactile_ros.types import Array, GripCommand, Integers, JointLimits, admit_name
 from tactile_ros.types.config_fields import (
     admit,
     array,
@@ -21,12 +22,6 @@ from tactile_ros.types.config_fields import (
     texts,
     whole,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tactile_ros.messages import Message
-    from tactile_ros.types import Integers
 
 # help of fields that several drivers have
 LOWEST, HIGHEST = 'lowest position of each joint', 'highest position of each joint'

@@ -8,8 +8,9 @@ sums, so that a row has the same bits alone and among others.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 try:
     import numba
@@ -17,9 +18,6 @@ try:
     from numba.extending import intrinsic
 except ImportError:
     numba = None  # type: ignore[assignment]
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 Internal = Any  # of numba, which has no types
 Function = TypeVar('Function', bound='Callable[..., object]')

@@ -9,17 +9,12 @@ same force on a larger part of a taxel gives another current.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.types import Array, Bools, Integers, Outline
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from tactile_ros.types import Singles
+from tactile_ros.types import Array, Bools, Integers, Outline, Singles
 
 SUNK = 0.5  # of a tube's radius: half the width of its contact
 TILT = 0.3  # of the mean pressure, at the radius of gyration

@@ -15,8 +15,8 @@ moves a magnet more than the dent does, which neither a half-space nor springs c
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -24,13 +24,8 @@ from scipy import fft
 
 from tactile_ros.physics.compiled import compiled
 from tactile_ros.physics.coverage import inside
-from tactile_ros.types import Array, Bools
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from tactile_ros.physics.magnet_sheet import Sheet
-    from tactile_ros.types import Outline
+from tactile_ros.physics.magnet_sheet import Sheet
+from tactile_ros.types import Array, Bools, Outline
 
 Waves = npt.NDArray[np.complex128]
 # Hexagon and centre: integrates polynomials up to the fifth degree over a disc

@@ -12,15 +12,12 @@ which is larger (Kay, Fundamentals of Statistical Signal Processing, 1993, ch. 3
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.types import Array
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
 
 SHARE = 1 / 3  # of the noise
 # Operations at one point, counted in the code, a root or quotient as four.

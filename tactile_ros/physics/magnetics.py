@@ -11,17 +11,14 @@ it is that of a billionth of the size away; far away, where closed forms cancel,
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import elliprf, elliprj
 
 from tactile_ros.physics.fidelity import DISC_COST, Model
 from tactile_ros.types import Array
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 VACUUM_PERMEABILITY = 4e-7 * np.pi  # T m / A
 SCALE = VACUUM_PERMEABILITY / (4 * np.pi)

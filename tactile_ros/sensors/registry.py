@@ -6,32 +6,28 @@ It lies beside this file, or in a folder that TACTILE_SENSORS names.
 
 from __future__ import annotations
 
+import argparse
 import importlib
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import Protocol, cast
 
-from tactile_ros.enrolment import playing
+from tactile_ros.devices.timestamps import VirtualClock
+from tactile_ros.enrolment import Signal, playing
 from tactile_ros.errors import TactileError
 from tactile_ros.pipeline import Pipeline
-
-if TYPE_CHECKING:
-    import argparse
-    from collections.abc import Callable, Mapping
-
-    from tactile_ros.devices.timestamps import VirtualClock
-    from tactile_ros.enrolment import Signal
-    from tactile_ros.types import (
-        Array,
-        Device,
-        Estimation,
-        Layout,
-        Recording,
-        SensorConfig,
-        Table,
-        Twin,
-    )
+from tactile_ros.types import (
+    Array,
+    Device,
+    Estimation,
+    Layout,
+    Recording,
+    SensorConfig,
+    Table,
+    Twin,
+)
 
 ALIASES = {'anyskin': 'reskin_board', 'eflesh': 'reskin_board', 'reskin': 'reskin_board'}
 

@@ -10,10 +10,12 @@ ridge and nearest neighbours are always among the candidates of a sensor's own c
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from tactile_ros.conditioning.fading_memory import FadingMemory
 from tactile_ros.estimators.covariance import CovarianceModel
@@ -29,24 +31,19 @@ from tactile_ros.estimators.regression import (
     spread_out,
 )
 from tactile_ros.estimators.slip_detector import FEWEST, SlipDetector
-from tactile_ros.types import Estimation, FrameStatus
+from tactile_ros.types import (
+    Array,
+    Bools,
+    Columns,
+    Estimation,
+    Estimator,
+    FrameStatus,
+    Integers,
+    Report,
+    SensorConfig,
+    Signals,
+)
 from tactile_ros.types.recording import CALM
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    import numpy.typing as npt
-
-    from tactile_ros.types import (
-        Array,
-        Bools,
-        Columns,
-        Estimator,
-        Integers,
-        Report,
-        SensorConfig,
-        Signals,
-    )
 
 Scalar = TypeVar('Scalar', bound=np.generic)
 

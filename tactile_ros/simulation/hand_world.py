@@ -9,25 +9,20 @@ DDS alone is left out.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from types import SimpleNamespace
-from typing import TYPE_CHECKING, Protocol
+from types import ModuleType, SimpleNamespace
+from typing import Protocol
 
 import numpy as np
 
+from tactile_ros.control import GripStep
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.hands.drivers import JOINT_STATE, TRAJECTORY, read_command, read_joint_states
-from tactile_ros.simulation.mjcf import scene_text
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-    from types import ModuleType
-
-    from tactile_ros.control import GripStep
-    from tactile_ros.simulation.mjcf import HandModel
-    from tactile_ros.simulation.skins import Fingertip
-    from tactile_ros.types import Array, ContactState, GripCommand
+from tactile_ros.simulation.mjcf import HandModel, scene_text
+from tactile_ros.simulation.skins import Fingertip
+from tactile_ros.types import Array, ContactState, GripCommand
 
 
 class Decided(Protocol):

@@ -17,19 +17,16 @@ like fingertips, as [2] did for this hand: ellipsoids as long and wide as the ha
 from __future__ import annotations
 
 from math import log
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 
 from tactile_ros.control import GripConfig
 from tactile_ros.hands import load_hand
-from tactile_ros.hands.description import parse
+from tactile_ros.hands.description import Finger, parse
+from tactile_ros.hands.drivers import JointTrajectoryHand
 from tactile_ros.simulation.mjcf import HandModel, pad_friction, servo
-
-if TYPE_CHECKING:
-    from tactile_ros.hands.description import Finger
-    from tactile_ros.hands.drivers import JointTrajectoryHand
-    from tactile_ros.types import Array
+from tactile_ros.types import Array
 
 TRAVEL = 0.03  # m, of each finger
 OPEN = 0.045  # m, of a pad from the middle when open

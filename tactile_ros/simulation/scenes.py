@@ -9,8 +9,8 @@ friction of both pads is halved; a pad that slides has 15 % less friction than o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.signal import medfilt
@@ -19,16 +19,10 @@ from scipy.spatial.transform import Rotation
 from tactile_ros.control import GripPhase
 from tactile_ros.physics.magnetics import SCALE, dipole_field
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-from tactile_ros.simulation.hand_world import HandWorld
+from tactile_ros.simulation.hand_world import Decided, HandWorld, Rig
 from tactile_ros.simulation.hands import OPEN, REACH, on_half_cylinder
-from tactile_ros.simulation.mjcf import CUBE, SOLIDS, STILL, balloon, solid
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tactile_ros.simulation.hand_world import Decided, Rig
-    from tactile_ros.simulation.mjcf import HandModel
-    from tactile_ros.types import Array, Bools, Frame
+from tactile_ros.simulation.mjcf import CUBE, SOLIDS, STILL, HandModel, balloon, solid
+from tactile_ros.types import Array, Bools, Frame
 
 FAR, NEAR = 0.1, 0.014  # m
 FIELD, AT = 3e-3, 0.05  # T at m

@@ -9,35 +9,30 @@ the same model, with places, loads and noise of its own seed.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
+import numpy.typing as npt
 
+from tactile_ros.devices.serial_board import FramedBoard
+from tactile_ros.devices.simulated_serial import FramedTwin
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.enrolment import Programme, Touches, growing_loads, recorded, thinned
 from tactile_ros.physics.magnetics import in_chip_axes
+from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.gradiometer import twin as disc
+from tactile_ros.sensors.gradiometer.config import GradiometerConfig
 from tactile_ros.sensors.gradiometer.config import layout as disc_layout
 from tactile_ros.sensors.magnet_pad import twin as pad
 from tactile_ros.sensors.magnet_pad.body_model import NOISE
+from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.sensors.magnet_pad.config import layout as pad_layout
-from tactile_ros.types import Closing, Recording
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import numpy.typing as npt
-
-    from tactile_ros.devices.serial_board import FramedBoard
-    from tactile_ros.devices.simulated_serial import FramedTwin
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.sensors.gradiometer.config import GradiometerConfig
-    from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-    from tactile_ros.sensors.registry import Connection, SensorSpec
-    from tactile_ros.types import Array, ContactState, Frame, SensorConfig
+from tactile_ros.sensors.registry import Connection, SensorSpec
+from tactile_ros.types import Array, Closing, ContactState, Frame, Recording, SensorConfig
 
 TARE_FRAMES = 50  # frames of a tare
 AVERAGED = 25  # frames of a contact that lasts

@@ -7,17 +7,14 @@ Each function makes one dataclass field whose metadata say help, unit, range, sh
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import Field, field, fields
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
+import numpy.typing as npt
 
 from tactile_ros.types.frame import Array, Outline, as_shape
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    import numpy.typing as npt
 
 Outlines = tuple[Outline, ...]
 Length = int | str  # of an axis: -1 any, 't' as many as there are taxels

@@ -3,17 +3,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Annotated, get_args, get_type_hints
+from typing import Annotated, get_args, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.types.frame import Array, Bools, Bytes, Integers
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
 
 Shape = tuple[str | int, ...]
 BLANKS = {'f': np.nan, 'i': -1, 'b': False, 'u': 0}

@@ -3,21 +3,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, ClassVar, Protocol, TypeVar
+from typing import ClassVar, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.errors import plain
-from tactile_ros.types.frame import Array, Bools, Columns, Integers, as_shape
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from tactile_ros.types.contact import ContactState
-    from tactile_ros.types.frame import Bytes, Frame, Layout
+from tactile_ros.types.contact import ContactState
+from tactile_ros.types.frame import Array, Bools, Bytes, Columns, Frame, Integers, Layout, as_shape
 
 Report = dict[str, dict[str, float]]
 

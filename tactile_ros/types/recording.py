@@ -3,17 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.types.contact import STATE_FIELDS, field_shape
 from tactile_ros.types.frame import Array, Bools, Bytes, Columns, Frame, Integers, Layout, as_shape
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
 
 TRUTH_KEYS = (
     'force', 'torque', 'position', 'cell', 'label', 'yaw', 'object_pose', 'symmetry', 'in_contact',

@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from tactile_ros.conditioning.fading_memory import FadingMemory
@@ -17,6 +17,7 @@ from tactile_ros.estimators.power_law_force import PowerLawForce
 from tactile_ros.estimators.rbf_force import RbfForce
 from tactile_ros.estimators.regression import Ridge
 from tactile_ros.physics.resistive_sheet import SeriesResistance, linear_place
+from tactile_ros.sensors.five_wire_skin.config import FiveWireSkinConfig
 from tactile_ros.sensors.five_wire_skin.film import (
     DIVIDER,
     TIME_CONSTANTS,
@@ -34,13 +35,17 @@ from tactile_ros.sensors.regression import (
     missing_history,
     missing_loads,
 )
-from tactile_ros.types import Estimation, FrameStatus
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from tactile_ros.sensors.five_wire_skin.config import FiveWireSkinConfig
-    from tactile_ros.types import Array, Bools, Columns, Estimator, Integers, Report, Signals
+from tactile_ros.types import (
+    Array,
+    Bools,
+    Columns,
+    Estimation,
+    Estimator,
+    FrameStatus,
+    Integers,
+    Report,
+    Signals,
+)
 
 ESTIMATORS = (*REGRESSORS, 'printed')
 NOMINAL_ERROR = 0.06  # of the sheet: an uneven border bends the linear formula that much

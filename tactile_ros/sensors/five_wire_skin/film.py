@@ -12,17 +12,14 @@ units of the force now; both are those of the static curve, which creep changes 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 from scipy.special import stdtrit
 
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from tactile_ros.conditioning.fading_memory import FadingMemory
-    from tactile_ros.estimators.power_law_force import PowerLawForce
-    from tactile_ros.types import Array, Bools, Columns, Integers, Signals
+from tactile_ros.conditioning.fading_memory import FadingMemory
+from tactile_ros.estimators.power_law_force import PowerLawForce
+from tactile_ros.types import Array, Bools, Columns, Integers, Signals
 
 FALSE_ALARM = 1e-6  # share of untouched frames that may be called touched
 NOISE, NOISE_ROWS = 5e-4, 3  # of a divider before any rest; resting rows that it counts for

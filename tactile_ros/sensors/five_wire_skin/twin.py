@@ -10,22 +10,16 @@ untouched, all three readings are 0. A real one may float.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.devices.connections import FramedConnection
-from tactile_ros.devices.framed_protocol import five_wires
-from tactile_ros.enrolment import REST_S, Programme, Touches, growing_loads, recorded
-from tactile_ros.sensors.five_wire_skin.config import layout
+from tactile_ros.devices.framed_protocol import Payload, five_wires
+from tactile_ros.enrolment import REST_S, Programme, Touches, Truth, growing_loads, recorded
+from tactile_ros.sensors.five_wire_skin.config import FiveWireSkinConfig, layout
+from tactile_ros.types import Array, Layout, Recording
 from tactile_ros.types.config_fields import whole
-
-if TYPE_CHECKING:
-    from tactile_ros.devices.framed_protocol import Payload
-    from tactile_ros.enrolment import Truth
-    from tactile_ros.sensors.five_wire_skin.config import FiveWireSkinConfig
-    from tactile_ros.types import Array, Layout, Recording
 
 NOISE = 5e-4  # of the supply
 AT_ONE_NEWTON, EXPONENT = 2000.0, 0.7  # Velostat (ohm, 1)

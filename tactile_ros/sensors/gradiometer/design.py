@@ -12,21 +12,16 @@ example:
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.sensors.gradiometer import disc_model
+from tactile_ros.sensors.gradiometer.config import GradiometerConfig
 from tactile_ros.sensors.gradiometer.estimation import NOISE
-from tactile_ros.types import Table
-
-if TYPE_CHECKING:
-    import argparse
-
-    from tactile_ros.sensors.gradiometer.config import GradiometerConfig
-    from tactile_ros.types import Array
+from tactile_ros.types import Array, Table
 
 SINKS, SHEAR = 0.6, 0.2  # of the gap at full scale; stiffness aside over that in depth
 ABOVE = 0.5e-3  # m, of elastomer over the disc

@@ -11,9 +11,9 @@ are flagged and inverted once more with the patterns of one.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +30,7 @@ from tactile_ros.estimators.model_inversion import (
     Calibration,
     Frames,
     ModelPrior,
+    Posterior,
     calibrate,
     invert,
     nearest,
@@ -40,16 +41,20 @@ from tactile_ros.estimators.regression import Ridge
 from tactile_ros.physics.compiled import compiled
 from tactile_ros.physics.field_table import SHAPE
 from tactile_ros.physics.temperature import hall_sensitivity
+from tactile_ros.sensors.gradiometer.config import GradiometerConfig
 from tactile_ros.sensors.gradiometer.temperature import Thermometer, drift_rows, mean_of
 from tactile_ros.sensors.gradiometer.twin import LEAST_NOISE, field_model, terms
-from tactile_ros.types import Array, Estimation, FrameStatus
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from tactile_ros.estimators.model_inversion import Posterior
-    from tactile_ros.sensors.gradiometer.config import GradiometerConfig
-    from tactile_ros.types import Bools, Columns, Estimator, Integers, Report, Signals
+from tactile_ros.types import (
+    Array,
+    Bools,
+    Columns,
+    Estimation,
+    Estimator,
+    FrameStatus,
+    Integers,
+    Report,
+    Signals,
+)
 
 ESTIMATORS = ('inversion', 'polynomial', 'ridge')
 TARGETS = ('force', 'torque', 'position')

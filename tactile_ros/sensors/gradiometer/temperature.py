@@ -8,15 +8,12 @@ measured; where none is, the last one holds and its error grows at the usual rat
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.physics.compiled import compiled
 from tactile_ros.physics.temperature import REMANENCE_SLOPE, hall_ratio
-
-if TYPE_CHECKING:
-    from tactile_ros.types import Array, Bools, Signals
+from tactile_ros.types import Array, Bools, Signals
 
 SECONDS_PER_NS = 1e-9
 LEAST_RANGE = 3.0  # degrees that are one temperature

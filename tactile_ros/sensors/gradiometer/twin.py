@@ -10,14 +10,14 @@ delay and loses remanence. Truth tells the stray field where it is uniform.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.devices.connections import FramedConnection
-from tactile_ros.devices.framed_protocol import gradiometer
-from tactile_ros.enrolment import Programme, Touches, growing_loads, recorded
+from tactile_ros.devices.framed_protocol import Payload, gradiometer
+from tactile_ros.enrolment import Programme, Touches, Truth, growing_loads, recorded
 from tactile_ros.physics.fidelity import Choice, Model, Term, TermGain, choose, region, term_gains
 from tactile_ros.physics.field_table import SHAPES, reach_under, table_disc_model, table_reach
 from tactile_ros.physics.magnetics import dipole_field, exact_disc, in_chip_axes
@@ -29,16 +29,9 @@ from tactile_ros.physics.temperature import (
     hall_sensitivity,
     remanence_at,
 )
-from tactile_ros.sensors.gradiometer.config import layout
+from tactile_ros.sensors.gradiometer.config import GradiometerConfig, layout
+from tactile_ros.types import Array, Layout, Recording
 from tactile_ros.types.config_fields import number
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tactile_ros.devices.framed_protocol import Payload
-    from tactile_ros.enrolment import Truth
-    from tactile_ros.sensors.gradiometer.config import GradiometerConfig
-    from tactile_ros.types import Array, Layout, Recording
 
 FIDELITY_ASIDE, SINKS, RISES = 0.45, 0.6, 0.05  # of the gap [3]
 LEANS = 0.1  # rad

@@ -9,7 +9,6 @@ is an incompressible half-space whose base holds it in part (`physics.elastomer`
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
@@ -33,10 +32,8 @@ from tactile_ros.physics.fidelity import (
 )
 from tactile_ros.physics.magnetics import EXACT, Blocks, in_chip_axes
 from tactile_ros.physics.temperature import REMANENCE_SLOPE
+from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.types import Array, Bools
-
-if TYPE_CHECKING:
-    from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 
 NOISE, LEAST_NOISE = 4e-6, 1e-7  # T, where nothing states it; below it nothing is gained
 LEAST_LOAD = 1e-9  # N

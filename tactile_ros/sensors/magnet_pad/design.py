@@ -13,8 +13,8 @@ example:
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
@@ -28,9 +28,6 @@ from tactile_ros.sensors.magnet_pad.body_model import (
 )
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.types import Array, Integers, Table
-
-if TYPE_CHECKING:
-    import argparse
 
 LOADS = np.geomspace(0.02, 30.0, 28)  # N
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from tactile_ros.conditioning.baseline import training_baseline_variance
@@ -32,12 +32,17 @@ from tactile_ros.sensors.magnet_pad.inversion import SIGMAS, TABLE, PadInversion
 from tactile_ros.sensors.regression import CLASSES as REGRESSION_CLASSES
 from tactile_ros.sensors.regression import ESTIMATORS as REGRESSORS
 from tactile_ros.sensors.regression import Recognition, places_of, scatter_rows
-from tactile_ros.types import Array, Bools, FrameStatus, Integers, plausible_temperature
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from tactile_ros.types import Columns, Report, SensorConfig, Signals
+from tactile_ros.types import (
+    Array,
+    Bools,
+    Columns,
+    FrameStatus,
+    Integers,
+    Report,
+    SensorConfig,
+    Signals,
+    plausible_temperature,
+)
 
 NOMINAL = 'nominal'
 ESTIMATORS = (*REGRESSORS, TABLE, NOMINAL)

@@ -8,8 +8,8 @@ specimens that differ from the config.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -31,13 +31,8 @@ from tactile_ros.sensors.magnet_pad.body_model import (
     places_and_forces,
     uniform_response,
 )
-from tactile_ros.types import Array, Bools, Integers
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-    from tactile_ros.types import Report
+from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
+from tactile_ros.types import Array, Bools, Integers, Report
 
 TABLE = 'table_gauss_newton'
 SEED = 19

@@ -9,13 +9,12 @@ those of [2], 1.5..10 N, along the surface's normal or inside the cone of 45 deg
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.devices.connections import ChipConnection
-from tactile_ros.enrolment import Programme, Touches, growing_loads, recorded
-from tactile_ros.physics.magnetics import EXACT, in_chip_axes
+from tactile_ros.enrolment import Programme, Touches, Truth, growing_loads, recorded
+from tactile_ros.physics.magnetics import EXACT, Blocks, in_chip_axes
 from tactile_ros.sensors.magnet_pad.body_model import (
     NOISE,
     blocks_of,
@@ -23,13 +22,8 @@ from tactile_ros.sensors.magnet_pad.body_model import (
     movement,
     touches_at,
 )
-from tactile_ros.sensors.magnet_pad.config import layout
-
-if TYPE_CHECKING:
-    from tactile_ros.enrolment import Truth
-    from tactile_ros.physics.magnetics import Blocks
-    from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-    from tactile_ros.types import Array, Recording
+from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig, layout
+from tactile_ros.types import Array, Recording
 
 PLAY = 0.3  # of a place about its cell's centre, in distances of cells
 PRESSES = 60

@@ -3,26 +3,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.devices.serial_board import ReskinBoard
 from tactile_ros.devices.simulated_serial import ReskinTwin
-from tactile_ros.enrolment import Programme, Touches, growing_loads, recorded
+from tactile_ros.devices.timestamps import VirtualClock
+from tactile_ros.enrolment import Programme, Touches, Truth, growing_loads, recorded
 from tactile_ros.physics.magnetics import dipole_field, in_chip_axes
-from tactile_ros.sensors.reskin_board.config import CHANNELS, PITCH, layout
-from tactile_ros.types import Array
+from tactile_ros.sensors.reskin_board.config import CHANNELS, PITCH, ReskinBoardConfig, layout
+from tactile_ros.types import Array, Layout, Recording
 from tactile_ros.types.config_fields import admit, maybe_array, number, switch, text_of, whole
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tactile_ros.devices.timestamps import VirtualClock
-    from tactile_ros.enrolment import Truth
-    from tactile_ros.sensors.reskin_board.config import ReskinBoardConfig
-    from tactile_ros.types import Array, Layout, Recording
 
 NOISE = 1e-6  # T
 ABOVE, MOMENT = 4e-3, 1e-3  # m, A m2

@@ -4,14 +4,15 @@
 from __future__ import annotations
 
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 
+from tactile_ros.conditioning.contact import PatchIds
 from tactile_ros.conditioning.equilibration import LAWS, Equilibration, silent_taxels
 from tactile_ros.conditioning.fading_memory import FadingMemory
 from tactile_ros.conditioning.faults import UNUSABLE
-from tactile_ros.conditioning.viscoelastic import Creep, History, fit_creep
+from tactile_ros.conditioning.viscoelastic import Creep, CreepState, History, fit_creep
 from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.object_pose import ObjectPose
 from tactile_ros.physics.coverage import LearnedFields
@@ -25,25 +26,22 @@ from tactile_ros.sensors.regression import (
     missing_history,
     missing_loads,
 )
+from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
 from tactile_ros.sensors.taxel_array.learned_object import FEWEST, LearnedObject
 from tactile_ros.sensors.taxel_array.recognition import ArrayPatches, partly_pressed, place_objects
-from tactile_ros.types import FrameStatus, TaxelStatus
-
-if TYPE_CHECKING:
-    from tactile_ros.conditioning.contact import PatchIds
-    from tactile_ros.conditioning.viscoelastic import CreepState
-    from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
-    from tactile_ros.types import (
-        Array,
-        Bools,
-        Bytes,
-        Columns,
-        ContactState,
-        Integers,
-        Report,
-        SensorConfig,
-        Signals,
-    )
+from tactile_ros.types import (
+    Array,
+    Bools,
+    Bytes,
+    Columns,
+    ContactState,
+    FrameStatus,
+    Integers,
+    Report,
+    SensorConfig,
+    Signals,
+    TaxelStatus,
+)
 
 ESTIMATORS = (*LAWS, *REGRESSION_ESTIMATORS)
 TEMPLATES, SUM, CENTRE = 'coverage templates', 'sum of taxels', 'centre of force'

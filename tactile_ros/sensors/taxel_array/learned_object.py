@@ -10,9 +10,9 @@ The pose of another frame follows by `estimators/object_pose.py`.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
@@ -21,15 +21,10 @@ from scipy.linalg import solve
 from scipy.optimize import least_squares
 
 from tactile_ros.estimators.covariance import CovarianceModel
-from tactile_ros.estimators.object_pose import ObjectPose, TaxelPoints
+from tactile_ros.estimators.object_pose import Found, ObjectPose, TaxelPoints
 from tactile_ros.physics.coverage import LearnedFields
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from tactile_ros.estimators.object_pose import Found
-    from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
-    from tactile_ros.types import Array, Bools, Columns
+from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
+from tactile_ros.types import Array, Bools, Columns
 
 FEWEST = 30  # frames
 SIDE, TUBE_SIDE = 31, 91  # nodes of the grid's side, of free fields and of a tube's

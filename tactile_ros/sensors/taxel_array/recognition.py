@@ -3,23 +3,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 
 from tactile_ros.conditioning.contact import PatchIds
-from tactile_ros.estimators.contact_patches import PatchFinder
+from tactile_ros.conditioning.equilibration import Equilibration
+from tactile_ros.estimators.contact_patches import Patches, PatchFinder
+from tactile_ros.estimators.object_pose import Found, ObjectPose
 from tactile_ros.physics.coverage import area_share
-from tactile_ros.types import FrameStatus, TaxelStatus
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tactile_ros.conditioning.equilibration import Equilibration
-    from tactile_ros.estimators.contact_patches import Patches
-    from tactile_ros.estimators.object_pose import Found, ObjectPose
-    from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
-    from tactile_ros.types import Array, Bools, Columns, Signals
+from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
+from tactile_ros.types import Array, Bools, Columns, FrameStatus, Signals, TaxelStatus
 
 UNCORRECTED = 0.25  # error of a taxel's force before it is known how much of it is pressed
 ROUNDS = 2  # of correction

@@ -10,23 +10,16 @@ and share their load by counted points.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_ros.devices.connections import FramedConnection
-from tactile_ros.devices.framed_protocol import taxel_matrix
-from tactile_ros.enrolment import Programme, Touches, growing_loads, recorded
+from tactile_ros.devices.framed_protocol import Payload, taxel_matrix
+from tactile_ros.enrolment import Programme, Touches, Truth, growing_loads, recorded
 from tactile_ros.physics.coverage import part_pressure, symmetry, taxel_points
-from tactile_ros.sensors.taxel_array.config import layout
-from tactile_ros.types import Array, Integers
+from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig, layout
+from tactile_ros.types import Array, Integers, Layout, Recording
 from tactile_ros.types.config_fields import whole
-
-if TYPE_CHECKING:
-    from tactile_ros.devices.framed_protocol import Payload
-    from tactile_ros.enrolment import Touches, Truth
-    from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
-    from tactile_ros.types import Array, Layout, Recording
 
 POINTS = 49  # of a taxel
 PLAY = 0.25  # of the array's reach: how far from its middle a part is placed
