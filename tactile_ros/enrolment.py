@@ -12,21 +12,15 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.types import (
-    Array,
-    Estimation,
-    Frame,
-    Integers,
-    Layout,
-    Recording,
-    Report,
-    SensorConfig,
-)
+from tactile_ros.types import Array, Frame, Integers, Layout, Recording
+
+if TYPE_CHECKING:
+    from tactile_ros.types import Estimation, Report, SensorConfig
 
 Signal = Callable[[float], Array]
 Truth = Mapping[str, npt.NDArray[np.generic]]
