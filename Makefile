@@ -1,3 +1,4 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 # make demo    set everything up and run the main job        make bench    compare, time, report; QUICK=1 for less
 # make test    set everything up and pass the tests          make lint     ruff and mypy alone
 # make setup   set up alone                                  make clean    remove all that make made

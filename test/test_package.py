@@ -263,7 +263,11 @@ def test_sourced_workspace_has_the_package_and_the_command() -> None:
 
 
 def test_every_source_states_copyright_and_licence() -> None:
-    line = '# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0\n'
+    line = 'Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0'
     folders = ('tactile_ros', 'benchmarks', 'bootstrap', 'docs', 'launch', 'test', 'training')
-    sources = [path for folder in folders for path in (ROOT / folder).rglob('*.py')]
-    assert [path for path in sources if line not in path.read_text()[:200]] == []
+    kinds = r'\.(py|ya?ml|toml|js|css|html|msg|srv|action|xacro|rviz|ino|h|cpp|cff|xml)'
+    roots = [ROOT / folder for folder in (*folders, 'config', 'msg', 'srv', 'action')]
+    files = [path for root in roots for path in root.rglob('*') if 'results' not in path.parts]
+    sources = [path for path in (*ROOT.glob('*'), *files) if re.fullmatch(kinds, path.suffix)]
+    sources += [ROOT / 'CMakeLists.txt', ROOT / 'Makefile', ROOT / '.ci' / 'run']
+    assert [path for path in sources if line not in path.read_text()[:300]] == []

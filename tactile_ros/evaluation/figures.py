@@ -38,7 +38,7 @@ if TYPE_CHECKING:
         TargetErrors,
     )
 
-STYLE = Path(__file__).with_name('drawing.css').read_text('utf-8')
+STYLE = Path(__file__).with_name('drawing.css').read_text('utf-8').split('*/\n', 1)[1]
 LEFT, RIGHT, TOP, BOTTOM = 46.0, 14.0, 30.0, 42.0  # pixels around the axes
 LETTER, LINE = 6.4, 15.0  # pixels of a letter and of a line of labels
 PAGE = 1180.0  # pixels across

@@ -1,3 +1,4 @@
+// Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 // Reference sender: eight Hall channels and a chip temperature, 1000 frames a second.
 //
 // Wire the outputs Bx, Bz of pixels 0 to 3 to A0 to A7, or replace readSensor() by your converter's.

@@ -1,3 +1,4 @@
+// Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 // One frame of the serial protocol, version 1, for a gradiometer (docs/serial_protocol.md).
 // Plain C++11 without dynamic memory or Arduino calls: 38 bytes of the caller's, 64 of a table.
 

@@ -1,3 +1,4 @@
+// Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 // Draws what /events says: one card a sensor. No dependencies; forces keep ten seconds.
 const SPAN = 10, ANSWER_MS = 5000, STOPS = [[65, 68, 135], [42, 120, 142], [34, 168, 132], [122, 209, 81], [253, 231, 37]];
 const cards = new Map();

@@ -1,3 +1,4 @@
+// Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 // What the sketch asks of an Arduino, on the host: time passes by calls, bytes go to stdout.
 #ifndef ARDUINO_H
 #define ARDUINO_H

@@ -1,3 +1,4 @@
+// Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 // Frames of the counts, times and temperatures that come in lines.
 #include <stdio.h>
 #include "tactile_frame.h"
