@@ -384,7 +384,8 @@ class GripForce:
         if self.phase in HOLDING:
             self._since += dt
             self._has_settled |= self._calm >= SETTLED_TIME
-            self._targets.share()
+            if self._targets.share() and not self._has_settled:
+                self._begin_load()  # a finger that joins has its force to find
             reached = self._targets.grow(any(law.stop for law in self.laws), dt)
             if self.phase == GripPhase.LOAD and reached:
                 self.phase = GripPhase.HOLD

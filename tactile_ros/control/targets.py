@@ -71,7 +71,8 @@ class GripTargets:
     def begin(self, targets: Sequence[float], adapt: bool) -> None:
         """Begin to go to targets (N) of the fingers in use, which may be raised if `adapt`."""
         self._each, self._adapt, self._raise, self._most = list(targets), adapt, 1.0, MOST
-        self._share([finger.used for finger in self._fingers])
+        self._pressing = [finger.used for finger in self._fingers]
+        self._share(self._pressing)
 
     def _share(self, pressing: Sequence[bool]) -> None:
         """Share what was asked for among fingers."""
@@ -80,12 +81,19 @@ class GripTargets:
         for finger, force in zip(self._fingers, asked, strict=True):
             finger.asked = force
 
-    def share(self) -> None:
-        """Share what was asked among the fingers that press, where both sides still do."""
+    def share(self) -> bool:
+        """Share what was asked among the fingers that press, where both sides still do.
+
+        Returns whether they are others than before.
+        """
         press = [finger.used and finger.touching for finger in self._fingers]
         wanted = {finger.side for finger in self._fingers if finger.used}
-        if {f.side for f, one in zip(self._fingers, press, strict=True) if one} == wanted:
-            self._share(press)
+        sides = {f.side for f, one in zip(self._fingers, press, strict=True) if one}
+        if sides != wanted or press == self._pressing:
+            return False
+        self._pressing = press
+        self._share(press)
+        return True
 
     @property
     def strongest(self) -> float:

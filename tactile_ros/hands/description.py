@@ -165,6 +165,16 @@ class Finger:
         pushes: Array = self.lever / self.kp * self.stiffness if self.is_soft else self.slope
         return pushes
 
+    def pass_on(self, wanted: Array, lower: Array, upper: Array) -> Array:
+        """The same way of the pad (n,), where a joint at its limit leaves it to the others."""
+        inside = np.minimum(np.maximum(wanted, lower), upper)
+        free = inside == wanted
+        if free.all() or not self.is_soft:
+            return wanted
+        others = np.where(free, self.lever / self.kp, 0.0)
+        way, reach = float(self.lever @ (wanted - inside)), float(self.lever @ others)
+        return inside + others * (way / reach) if way > 0.0 and reach > 0.0 else wanted
+
     def force_of(self, lead: Array) -> float:
         """Force of the pad (N) where targets lead the joints by angles (n,); NaN: not known."""
         return float(self.lever @ lead) / self._compliance if self.is_soft else float('nan')

@@ -234,7 +234,10 @@ class HandJoints:
             if first:
                 self._beside[a] = wanted[place] - on_path
             self._beside[a] = self._beside[a] * exp(-dt / EASE_S)
-            wanted[place] = on_path + self._beside[a]
+            at = on_path + self._beside[a]
+            if closures[a] > contacts[a]:
+                at = finger.pass_on(at, self._limits.lower[place], self._limits.upper[place])
+            wanted[place] = at
             effort[place] = finger.caps(forces[a])
         position, limited = self.limiter.step(wanted, measured, elapsed)
         self._sent.append((now_s, position))
