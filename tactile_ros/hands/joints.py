@@ -199,7 +199,8 @@ class HandJoints:
         firm = np.abs(lead) > np.maximum(LEADING, moved / STEADY)
         ratio = np.where(firm, np.abs(effort) / np.where(firm, np.abs(lead), 1.0), np.nan)
         self._gain += LEARNING * np.fmax(ratio - self._gain, 0.0)
-        self._full = np.where(firm, ratio < FULL_RATIO * self._gain, self._full)
+        full = self._full & (np.abs(lead) > LEADING)  # a small lead asks for little
+        self._full = np.where(firm, ratio < FULL_RATIO * self._gain, full)
 
     def stop(self) -> None:
         """The next command begins at the measured posture."""
