@@ -110,6 +110,7 @@ class ForcePi:
         self.touched = 0.0  # time of regulation since it met the object (s)
         self.limited = False  # the last step was clamped or rate limited
         self.stop = ''  # limit of the hand that lets it close no further now; empty: none
+        self.full = False  # a drive or a joint is at its limit
 
     def meet(self, closure: float) -> None:
         """End the approach where it is now: as measured, or by the model where that is further."""

@@ -231,7 +231,9 @@ class GripForce:
         rows = zip(self.laws, sent.tolist(), reach.tolist(), clipped, strict=True)
         for law, made, far, is_full in rows:
             law.stop = 'its drive gives its largest torque' if is_full else ''
-            if far < law.command - SAME:
+            ends = far < law.command - SAME  # a joint at its limit may leave its way to others
+            law.full = is_full or ends
+            if ends and made < law.command - SAME:
                 law.stop = 'its joints are at the end of their stroke'
             if abs(made - law.command) > SAME:
                 law.yield_to(made, dt)
@@ -386,7 +388,7 @@ class GripForce:
             self._has_settled |= self._calm >= SETTLED_TIME
             if self._targets.share() and not self._has_settled:
                 self._begin_load()  # a finger that joins has its force to find
-            reached = self._targets.grow(any(law.stop for law in self.laws), dt)
+            reached = self._targets.grow(any(law.full for law in self.laws), dt)
             if self.phase == GripPhase.LOAD and reached:
                 self.phase = GripPhase.HOLD
 

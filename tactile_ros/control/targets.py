@@ -118,9 +118,9 @@ class GripTargets:
         reached, factor = True, self._raise
         for finger in self._fingers:
             if finger.asked > 0.0 and factor > 1.0 and finger.pressing:
-                ahead = AHEAD_FULL if finger.law.stop else AHEAD
+                ahead = AHEAD_FULL if finger.law.full else AHEAD
                 factor = min(factor, max(finger.normal / finger.asked + ahead, 1.0))
-                if finger.law.stop and factor < self._raise:
+                if finger.law.full and factor < self._raise:
                     self._raise = self._most = factor
         for finger in self._fingers:
             ahead = factor * finger.asked - finger.target

@@ -117,7 +117,7 @@ class Guarded(NamedTuple):
     effort: Array  # (j,) torque caps (N m); NaN: none
     limited: bool  # it is not what was wanted
     closure: Array  # (a,) that is sent in fact
-    reach: Array  # (a,) to which the drives would come in time
+    reach: Array  # (a,) to which the drives would come in time, each joint by itself
     clipped: list[bool]  # (a,) the drive gives all its torque
 
 
@@ -228,25 +228,27 @@ class HandJoints:
         first = self.limiter.last is None
         if first:
             self.limiter.start(measured + np.where(np.isfinite(lead), lead, 0.0))
-        wanted = np.array(self.limiter.last)
+        meant = np.array(self.limiter.last)
+        wanted = meant.copy()
         effort = np.full(len(wanted), nan)
         for a, (finger, place) in enumerate(self._drives):
             on_path = self._paths[a].joints(float(closures[a]), float(contacts[a]), dt)
             if first:
-                self._beside[a] = wanted[place] - on_path
+                self._beside[a] = meant[place] - on_path
             self._beside[a] = self._beside[a] * exp(-dt / EASE_S)
-            at = on_path + self._beside[a]
+            meant[place] = wanted[place] = on_path + self._beside[a]
             if closures[a] > contacts[a]:
-                at = finger.pass_on(at, self._limits.lower[place], self._limits.upper[place])
-            wanted[place] = at
+                lower, upper = self._limits.lower[place], self._limits.upper[place]
+                wanted[place] = finger.pass_on(wanted[place], lower, upper)
             effort[place] = finger.caps(forces[a])
         position, limited = self.limiter.step(wanted, measured, elapsed)
         self._sent.append((now_s, position))
         closure = reach = closures
         if limited:
-            near = self.limiter.reachable(wanted, measured)
-            reach = closures - self._behind(closures, contacts, wanted, near)
             closure = closures - self._behind(closures, contacts, wanted, position)
+        if limited or not np.array_equal(meant, wanted):
+            near = self.limiter.reachable(meant, measured)
+            reach = closures - self._behind(closures, contacts, meant, near)
         clips = (np.abs(position - measured) >= self._clipping) | self._full & self._carries
         clipped = [bool(clips[place].any()) for _, place in self._drives]
         return Guarded(position, effort, limited, closure, reach, clipped)
