@@ -59,9 +59,25 @@ def test_a_raise_ends_where_its_drive_gives_no_more() -> None:
     made = []
     for _ in range(100):
         # its limit is felt only while more is asked for than it gives
-        run.finger.law.stop = 'full' if run.finger.target > 2.2 else ''
+        run.finger.law.full = run.finger.target > 2.2
         made.append(run.grow(1, force=min(run.finger.target, 2.1)))
     assert max(made[-50:]) - min(made[-50:]) < 0.3
+
+
+def test_grip_targets_say_that_other_fingers_press() -> None:
+    fingers = [Finger(CONFIG, ForcePi(CONFIG, Drive(5.0, 300.0)), side=s) for s in (1, 1, -1)]
+    targets = GripTargets(CONFIG, fingers)
+    targets.begin([2.0] * 3, adapt=False)
+    for finger in fingers[::2]:
+        finger.touching = True
+    assert targets.share()
+    assert [finger.asked for finger in fingers] == [2.0, 0.0, 2.0]
+    assert not targets.share()
+    fingers[1].touching = True
+    assert targets.share()
+    assert [finger.asked for finger in fingers] == [1.0, 1.0, 2.0]
+    fingers[2].touching = False  # one side alone shares nothing
+    assert not targets.share()
 
 
 def test_grip_targets_grow_at_their_rate() -> None:

@@ -60,6 +60,20 @@ def test_finger_shortfall_is_of_the_joint_that_comes_closest() -> None:
         assert FINGER.shortfall(0.8, np.nan, wanted, sent) == pytest.approx(lacks)
 
 
+def test_finger_passes_on_the_way_of_a_joint_at_its_limit() -> None:
+    finger = load_hand('allegro_v4').fingers['index']
+    low, high = np.full(4, -1.0), np.array([1.0, 1.61, 1.7, 1.6])
+    inside, beyond = np.array([0.1, 1.6, 0.1, 0.0]), np.array([0.1, 1.7, 0.1, 0.0])
+    assert finger.pass_on(inside, low, high) is inside
+    made = finger.pass_on(beyond, low, high)
+    assert made[1] == high[1]
+    assert (made[2:] > beyond[2:]).all()
+    assert finger.lever @ made == pytest.approx(finger.lever @ beyond)
+    assert finger.pass_on(beyond, low, beyond - 0.1) is beyond  # no joint is left
+    stiff = replace(finger, kp=np.zeros(4))  # gains that are not known
+    assert stiff.pass_on(beyond, low, high) is beyond
+
+
 def test_finger_reach_is_that_of_its_weakest_joint() -> None:
     soft = replace(FINGER, kp=[1.0, 1.0, 1.0], torque=[0.0, 0.2, 0.0])
     # 1.3 N m/rad over at most 0.1 rad, or a clip at 0.2 N m, over levers of 50 and 20 mm

@@ -65,6 +65,24 @@ def test_hand_joints_tell_the_force_of_a_pad_by_lead_and_by_torque() -> None:
     assert np.isnan(made.pressed(made.lead(start, np.zeros(16), at, 0.02))[0])
 
 
+def test_hand_joints_press_on_where_one_is_at_its_limit_and_say_so() -> None:
+    hand = load_hand('allegro_v4')
+    made, place = HandJoints(hand, ['index']), hand.places('index')
+    start = np.zeros(16)
+    start[place] = hand.fingers['index'].posture(1.0)  # its second joint may go .054 on
+    contact, blank = made.closures_of(start), np.full(16, np.nan)
+    for k in range(100):
+        closure = contact + min(0.01 * k, 0.3)
+        sent = made.command(closure, contact, [0.5], start, blank, 0.01, 0.01, 0.01 * k)
+    upper = hand.driver.limits.upper[place]
+    assert sent.position[place][1] == upper[1]
+    np.testing.assert_allclose(sent.closure, closure)
+    assert sent.reach < closure - 0.01
+    lead = made.lead(start, None, 2.0, 0.02)
+    own = hand.fingers['index'].stiffness
+    assert made.pressed(lead)[0] == pytest.approx(0.3 * own, rel=0.05)
+
+
 @pytest.mark.parametrize(('late', 'clip', 'full'), [(0.1, 9.0, False), (0.0, 0.2, True)])
 def test_hand_joints_learn_a_full_drive_from_efforts_and_no_late_command(
     late: float, clip: float, full: bool
@@ -84,6 +102,9 @@ def test_hand_joints_learn_a_full_drive_from_efforts_and_no_late_command(
         guarded = made.command(closure, blank, [0.0], measured, np.nan * start, 0.01, 0.01, now)
         last = guarded.position
     assert guarded.clipped == [full]
+    made.take_effort(np.zeros(16), np.zeros(16))  # what leads by nothing is at no limit
+    again = made.command(closure, blank, [0.0], last, np.nan * start, 0.01, 0.01, now + 0.01)
+    assert again.clipped == [False]
 
 
 def test_taking_part_are_the_sensors_of_the_fingers() -> None:

@@ -533,3 +533,13 @@ def test_a_clock_that_steps_far_back_counts_from_arrival_again() -> None:
     age(ages, WALL_NS - 5_000_000, 0.0)
     assert age(ages, WALL_NS - 3600 * SECOND, 0.01) == 0.0
     assert ages.back_s == pytest.approx(3600, abs=1)
+
+
+@pytest.mark.parametrize('seed', [11, 18])
+def test_grip_loop_holds_where_a_joint_ends_or_a_finger_comes_late(seed: int) -> None:
+    """Seeds draw a soft drive with a finger at the end of its stroke, and a late third finger."""
+    world = pytest.importorskip('reference.allegro_world')
+    one = world.AllegroWorld('v4', 'beam', seed=seed, drawn=True)
+    result = one.grasp(1.0, adapt=False)
+    assert result.outcome == GraspOutcome.HELD, result.message
+    assert one.errors(0.1) <= 0.1
