@@ -72,8 +72,7 @@ def run(extent: str, seed: int = FRESH, films: Mapping[str, Watcher] | None = No
     found.notes += [
         'Scenes of MuJoCo (docs/simulation.md): contact forces go through the model of the sensor '
         'into the bytes of its board, the driver, the pipeline and the loop of grip_node; joints '
-        'come back in the message of the adapter. Models of the signals, as fidelity picked them: '
-        f'gradiometer {trials.gentle.skin.model}, magnet pad {trials.pad.skin.model}.',
+        'come back in the message of the adapter.',
         'Grasps in MuJoCo judge three pads each; bound: what noise alone leaves right, from the '
         'covariance that the pad states (Bayes). Settling from load to 5 % of the sum of forces.',
     ]

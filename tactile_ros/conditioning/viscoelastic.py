@@ -31,49 +31,34 @@ SEARCH = {'maxiter': 45, 'xatol': 0.02, 'fatol': 1e-9}
 
 
 @compiled
-def undo_row(
-    v: Array, share: Array, weights: Array, strain: Array, last: Array, force: Array
-) -> None:
-    """Fill forces (t,) behind crept ones after a time; strains and last forces move on."""
-    for k in range(len(v)):
-        bent, stiff = 0.0, 0.0
-        for b in range(len(share)):
-            strain[b, k] = weights[0, b] * strain[b, k] + weights[1, b] * last[k]
-            bent += share[b, k] * strain[b, k]
-            stiff += share[b, k] * weights[2, b]
-        # the new force moves the strain too: one linear equation for each taxel
-        force[k] = (v[k] - bent) / (1.0 + stiff)
-        if not math.isnan(force[k]):
-            last[k] = force[k]
-        for b in range(len(share)):
-            strain[b, k] += weights[2, b] * last[k]
-
-
-@compiled
 def undo_rows(
     v: Array, stamp_ns: Integers, restart: Bools, tau: Array, share: Array, begun: bool,
     newest: int, strain: Array, last: Array, forces: Array,
 ) -> tuple[bool, int]:  # fmt: skip
     """Fill forces (s, t) behind crept ones; true once a stream has begun, and its newest stamp."""
-    weights = np.empty((3, len(tau)))
+    weights = np.zeros((3, len(tau)))
     for i in range(len(v)):
         if restart[i]:
             strain[:] = 0.0
             last[:] = 0.0
             begun = False
-        if begun and stamp_ns[i] > newest:
+        moves = not begun or stamp_ns[i] > newest
+        weights[0], weights[1:] = 1.0, 0.0  # a frame that is not newer leaves strains as they are
+        if begun and moves:
             branch_weights((stamp_ns[i] - newest) * SECONDS_PER_NS, tau, weights)
-            undo_row(v[i], share, weights, strain, last, forces[i])
-            newest = stamp_ns[i]
-            continue
         for k in range(len(last)):
-            bent = 0.0
-            for b in range(len(share)):
+            bent, stiff = 0.0, 0.0
+            for b in range(len(tau)):
+                strain[b, k] = weights[0, b] * strain[b, k] + weights[1, b] * last[k]
                 bent += share[b, k] * strain[b, k]
-            forces[i, k] = v[i, k] - bent
-            if not begun:
-                last[k] = 0.0 if math.isnan(forces[i, k]) else forces[i, k]
-        if not begun:
+                stiff += share[b, k] * weights[2, b]
+            # the new force moves the strain too: one linear equation for each taxel
+            forces[i, k] = (v[i, k] - bent) / (1.0 + stiff)
+            if moves and not math.isnan(forces[i, k]):
+                last[k] = forces[i, k]
+            for b in range(len(tau)):
+                strain[b, k] += weights[2, b] * last[k]
+        if moves:
             begun, newest = True, stamp_ns[i]
     return begun, newest
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from tactile_ros.physics.compiled import compiled, inlined
 from tactile_ros.physics.fidelity import CUBIC_COST, Model
-from tactile_ros.physics.magnetics import Disc, axial_cylinder, on_pixels, tilt_rotation
+from tactile_ros.physics.magnetics import Disc, axial_cylinder, on_pixels
 from tactile_ros.types import Array
 
 SHAPE = (128, 96)  # rows and columns
@@ -33,16 +33,6 @@ def reach_under(pixels: Array, gap: float, height: float) -> tuple[float, float,
     wide = float(np.hypot(*np.abs(pixels[:, :2]).max(axis=0)) + 1.2 * gap)
     low = float(pixels[:, 2].max())
     return wide, 0.1 * gap - low + height / 2, 1.8 * gap - low + height / 2
-
-
-def table_reach(pixels: Array, states: Array) -> tuple[float, float, float]:
-    """Reach of a table that holds discs at states (s, 5) over pixels (t, 3), with some room."""
-    turn = tilt_rotation(states[:, 3:])
-    own = np.einsum('sji,stj->sti', turn, pixels[None] - states[:, None, :3])
-    depth = -own[..., 2]
-    room = 0.05 * float(np.ptp(depth))
-    far = 1.05 * float(np.hypot(own[..., 0], own[..., 1]).max())
-    return far, float(depth.min()) - room, float(depth.max()) + room
 
 
 def disc_table(

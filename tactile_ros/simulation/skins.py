@@ -1,9 +1,8 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Fingertip skins of scenes: gradiometers and magnet pads, and presses that calibrate them.
 
-Signals are those of the sensors' own twins: the disc on springs, the pad's nominal body, with the
-model of the magnets' field that `physics.fidelity` picks. Each press of a calibration goes through
-the same model, with places, loads and noise of its own seed.
+Signals are those of the sensors' own twins: the disc on springs, the pad's nominal body. Each
+press of a calibration goes through the same model, with places, loads and noise of its own seed.
 """
 
 from __future__ import annotations
@@ -54,7 +53,6 @@ class Skin:
     # readings (t, c) in the unit of the sensor for a contact's place (3,) (m) and force (3,)
     # (N) in the sensor frame, and the field of what is around, (t, 3) (T) in the same axes
     signal: Callable[[Array, Array, Array], Array]
-    model: str  # which model of the sensor `physics.fidelity` picked for the signal
 
 
 class Fingertip(Closing):
@@ -145,15 +143,14 @@ class Fingertip(Closing):
 
 def gradiometer_skin(config: GradiometerConfig) -> Skin:
     """A gradiometer [3], whose disc a fifth of full scale shears as far as [3] calibrated."""
-    model = disc.disc_model(config)
 
     def signal(place: Array, force: Array, field: Array) -> Array:
         at = _touch(place, force)
         around = in_chip_axes(field, config.rotations)[..., disc.AXES]
-        return np.asarray(disc.reading(config, at, model)[0] + around)
+        return np.asarray(disc.reading(config, at)[0] + around)
 
     spec = load_sensor('gradiometer')
-    return Skin(spec, config, disc.GradiometerConnection(), signal, model.name)
+    return Skin(spec, config, disc.GradiometerConnection(), signal)
 
 
 def gradiometer_presses(config: GradiometerConfig, seed: int) -> Recording:
@@ -164,11 +161,10 @@ def gradiometer_presses(config: GradiometerConfig, seed: int) -> Recording:
     angle = rng.uniform(0, 2 * np.pi, count)
     shear = disc.SHEAR_SHARE * most * np.sqrt(rng.uniform(0, 1, count))
     force = np.column_stack([shear * np.cos(angle), shear * np.sin(angle), load])
-    model = disc.disc_model(config)
     return recorded(
         disc_layout(config),
         Programme(np.zeros((count, 3)), force),
-        lambda touches: disc.reading(config, touches, model),
+        lambda touches: disc.reading(config, touches),
         lambda touches: disc.truth(config, touches),
         disc.NOISE,
         seed,
@@ -177,18 +173,13 @@ def gradiometer_presses(config: GradiometerConfig, seed: int) -> Recording:
 
 def magnet_pad_skin(config: MagnetPadConfig) -> Skin:
     """A magnet pad [2] behind a microcontroller."""
-    places = config.cells
-    normals = places * np.array([0.0, 1.0, 1.0]) / config.radius
-    blocks = pad.blocks_for(config, Programme(places, LARGEST * normals))
 
     def signal(place: Array, force: Array, field: Array) -> Array:
-        seen = pad.reading(config, _touch(place, force), blocks)[0]
+        seen = pad.reading(config, _touch(place, force))[0]
         return np.asarray(seen + in_chip_axes(field, config.rotations))
 
-    nodes = blocks.edge_nodes
-    model = f'blocks of {nodes**3} dipoles' if nodes else 'blocks in closed form'
     spec = load_sensor('magnet_pad')
-    return Skin(spec, config, pad.MagnetPadConnection(transport='serial'), signal, model)
+    return Skin(spec, config, pad.MagnetPadConnection(transport='serial'), signal)
 
 
 def magnet_pad_presses(config: MagnetPadConfig, seed: int, frames: int) -> Recording:
@@ -203,9 +194,8 @@ def magnet_pad_presses(config: MagnetPadConfig, seed: int, frames: int) -> Recor
     load = LARGEST * rng.uniform(0.03, 1.0, (count, 1))
     place = np.column_stack([x, config.radius * normal[:, 1:]])
     at = Touches(np.arange(count), place, load * (normal + lean * across), np.ones(count))
-    blocks = pad.blocks_for(config, Programme(at.position, at.force))
-    rest = pad.reading(config, _touch(np.zeros(3), np.zeros(3)), blocks)
-    values = np.concatenate([np.repeat(rest, RESTING, axis=0), pad.reading(config, at, blocks)])
+    rest = pad.reading(config, _touch(np.zeros(3), np.zeros(3)))
+    values = np.concatenate([np.repeat(rest, RESTING, axis=0), pad.reading(config, at)])
     truth = {
         **{name: _after_rest(column) for name, column in pad.truth(config, at).items()},
         'in_contact': _after_rest(np.ones(count, np.int8)),

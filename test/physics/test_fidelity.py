@@ -6,7 +6,7 @@ import pytest
 
 from benchmarks.worlds.multipole_fidelity import RINGS, all_rated, dipole_disc, disc_dipoles
 from tactile_ros.physics.fidelity import SHARE, Model, Term, choose, rate, region, term_gains
-from tactile_ros.physics.field_table import SHAPES, table_disc_model, table_reach
+from tactile_ros.physics.field_table import SHAPES, table_disc_model
 from tactile_ros.physics.magnetics import exact_disc
 
 PIXELS = 1e-3 * np.array([[-1, -1, 0], [1, -1, 0], [-1, 1, 0], [1, 1, 0]], float)
@@ -15,7 +15,7 @@ LOW = np.array([-1e-3, -1e-3, 1.6e-3, -0.1, -0.1])
 HIGH = np.array([1e-3, 1e-3, 3.2e-3, 0.1, 0.1])
 STATES = region(LOW, HIGH, 200)
 EXACT = exact_disc(PIXELS, DISC)
-REACH = table_reach(PIXELS, STATES)
+REACH = (3.2e-3, 1.2e-3, 3.6e-3)  # farthest from the axis, least and most depth (m)
 MODELS = [
     *[dipole_disc(PIXELS, DISC, rings) for rings in RINGS],
     *[table_disc_model(PIXELS, DISC, REACH, shape) for shape in SHAPES],

@@ -60,14 +60,6 @@ def test_a_pad_takes_more_dipoles_when_it_hears_more() -> None:
     assert rate(model, truth.readings(states), states, np.array(3e-5)).share < 1.5 * SHARE
 
 
-@pytest.mark.parametrize(
-    ('gap', 'name'), [(20e-3, '13 x 9'), (2.5e-3, 'cubic'), (0.8e-3, 'exact')]
-)
-def test_a_twin_takes_what_its_gap_needs(gap: float, name: str) -> None:
-    module = import_module('tactile_ros.sensors.gradiometer.twin')
-    assert name in module.disc_model(replace(DISC, gap=gap)).name
-
-
 def test_the_twin_of_the_pad_reads_as_its_blocks_do() -> None:
     module = import_module('tactile_ros.sensors.magnet_pad.twin')
     recording = module.presses(PAD, 3, 15, noise=0.0)

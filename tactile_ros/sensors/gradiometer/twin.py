@@ -18,8 +18,8 @@ import numpy as np
 from tactile_ros.devices.connections import FramedConnection
 from tactile_ros.devices.framed_protocol import Payload, gradiometer
 from tactile_ros.enrolment import Programme, Touches, Truth, growing_loads, recorded
-from tactile_ros.physics.fidelity import Choice, Model, Term, TermGain, choose, region, term_gains
-from tactile_ros.physics.field_table import SHAPES, reach_under, table_disc_model, table_reach
+from tactile_ros.physics.fidelity import Choice, Term, TermGain, choose, region, term_gains
+from tactile_ros.physics.field_table import SHAPES, reach_under, table_disc_model
 from tactile_ros.physics.magnetics import dipole_field, exact_disc, in_chip_axes
 from tactile_ros.physics.temperature import (
     CALIBRATED_AT,
@@ -101,7 +101,6 @@ SHEAR_SHARE = 0.2
 ELASTOMER_ABOVE = 0.5e-3
 AXES = [0, 2]  # Bx, Bz
 PRESSES = 30
-STATES = 50
 PASSES_S = 12.0  # from one magnet to the next
 FIRST_PASS_S = 10.6
 PASS_S = 4.8
@@ -114,27 +113,14 @@ WARMER = 8.0  # degrees
 LAG_S = 4.0  # where the config leaves it open
 
 
-def disc_model(config: GradiometerConfig, noise: float = NOISE) -> Model:
-    """The cheapest model of the disc wherever full scale may move it."""
-    reach = np.array([RADIUS, RADIUS, DEPTH, 0.0, 0.0])
-    rest = np.array([0.0, 0.0, config.gap + config.disc_height / 2, 0.0, 0.0])
-    # upward the disc comes from its rest, and no farther
-    top = rest + reach * np.array([1.0, 1.0, 0.0, 0.0, 0.0])
-    states, pixels, disc = region(rest - reach, top, STATES), config.positions, disc_of(config)
-    tables = [table_disc_model(pixels, disc, table_reach(pixels, states), one) for one in SHAPES]
-    exact = exact_disc(pixels, disc)
-    name = choose(tables, exact, states, noise).name
-    return next((model for model in tables if model.name == name), exact)
-
-
-def reading(config: GradiometerConfig, touches: Touches, model: Model | None = None) -> Array:
-    """Readings (s, t, 2) (T) of the disc, exact or in a model, where the force has moved it."""
-    model = exact_disc(config.positions, disc_of(config)) if model is None else model
+def reading(config: GradiometerConfig, touches: Touches) -> Array:
+    """Readings (s, t, 2) (T) of the disc where the force has moved it."""
     rest = np.array([0.0, 0.0, config.gap + config.disc_height / 2])
     shear = SHEAR_SHARE * config.full_scale / RADIUS
     stiffness = np.array([shear, shear, config.full_scale / DEPTH])
     places = rest - touches.force / stiffness
-    field = model.readings(np.concatenate([places, np.zeros((len(places), 2))], axis=1))
+    states = np.concatenate([places, np.zeros((len(places), 2))], axis=1)
+    field = exact_disc(config.positions, disc_of(config)).readings(states)
     return in_chip_axes(field, config.rotations)[..., AXES]
 
 
@@ -188,11 +174,10 @@ def presses(
 
     One stream that begins with a tare. `noise` is of a channel (T); None: that of [3].
     """
-    model = disc_model(config)
     plain = recorded(
         layout(config),
         programme(config, seed, count),
-        lambda touches: reading(config, touches, model),
+        lambda touches: reading(config, touches),
         lambda touches: truth(config, touches),
         0.0,
         seed,

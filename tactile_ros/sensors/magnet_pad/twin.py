@@ -2,8 +2,8 @@
 """The magnet pad on an I2C bus or on a serial port, real or simulated.
 
 A tip of a third of the radius presses a body that its base holds half (`nominal`), which carries
-and turns the blocks; the model of their field is the cheapest that the noise allows. Forces are
-those of [2], 1.5..10 N, along the surface's normal or inside the cone of 45 degrees about it.
+and turns the blocks. Forces are those of [2], 1.5..10 N, along the surface's normal or inside the
+cone of 45 degrees about it.
 """
 
 from __future__ import annotations
@@ -14,11 +14,10 @@ import numpy as np
 
 from tactile_ros.devices.connections import ChipConnection
 from tactile_ros.enrolment import Programme, Touches, Truth, growing_loads, recorded
-from tactile_ros.physics.magnetics import EXACT, Blocks, in_chip_axes
+from tactile_ros.physics.magnetics import EXACT, in_chip_axes
 from tactile_ros.sensors.magnet_pad.body_model import (
     NOISE,
     blocks_of,
-    field_choice,
     movement,
     touches_at,
 )
@@ -43,16 +42,9 @@ def carried(config: MagnetPadConfig, touches: Touches) -> tuple[Array, Array]:
     return moved, turned
 
 
-def blocks_for(config: MagnetPadConfig, programme: Programme, noise: float = NOISE) -> Blocks:
-    """Magnets in the cheapest model that presses at their full load need."""
-    touches = touches_at(programme.positions, programme.forces)
-    return blocks_of(config, field_choice(config, touches, noise).size[0])
-
-
-def reading(config: MagnetPadConfig, touches: Touches, blocks: Blocks | None = None) -> Array:
-    """Readings (s, t, 3) (T) of the magnets, exact or in a model, where a press has moved them."""
-    blocks = blocks_of(config, EXACT) if blocks is None else blocks
-    field = blocks.field(config.positions, *carried(config, touches))
+def reading(config: MagnetPadConfig, touches: Touches) -> Array:
+    """Readings (s, t, 3) (T) of the magnets where a press has moved them."""
+    field = blocks_of(config, EXACT).field(config.positions, *carried(config, touches))
     return in_chip_axes(field, config.rotations)
 
 
@@ -92,12 +84,10 @@ def presses(
     One stream that begins with a tare. `noise` is of a channel (T); None: that of the chips. The
     force is inside a `cone` (rad) about the surface's normal; [2] has pi / 4.
     """
-    played = programme(config, seed, count, cone)
-    blocks = blocks_for(config, played)
     return recorded(
         layout(config),
-        played,
-        lambda touches: reading(config, touches, blocks),
+        programme(config, seed, count, cone),
+        lambda touches: reading(config, touches),
         lambda touches: truth(config, touches),
         NOISE if noise is None else noise,
         seed,
