@@ -128,7 +128,7 @@ def open_lines(
 
 
 @dataclass(frozen=True)
-class ChipConnection(FramedConnection):
+class ChipConnection(ChipSettings, FramedConnection):
     """MLX90393 chips on I2C buses, or behind a microcontroller on a serial port.
 
     Fields of the other transport are not used; one number counts for all chips.
@@ -146,20 +146,7 @@ class ChipConnection(FramedConnection):
     )
     bus_clock: int = whole(FASTEST_HZ, 'clock of the buses (Hz); 0: unknown', 0, FASTEST_HZ)
     mode: str = text_of('single', 'all at the same time, or fastest', ('single', 'burst'))
-    gain: int = whole(1, 'GAIN_SEL; 0 has the largest range, 7 the finest step', 0, 7)
     resolution: tuple[int, ...] = whole_numbers((1, 1, 1), 'RES of x, y, z', 0, 3, (3,))
-    digital_filter: int = whole(2, 'DIG_FILT; more is slower and has less noise', 0, 7)
-    oversampling: int = whole(0, 'OSR; more is slower and has less noise', 0, 3)
-    temperature: bool = switch(True, 'read the temperature of the chips, too')
-    hallconf: int = whole(0xC, 'HALLCONF, 12 (factory) or 0', 0, 0xC)
-
-    @property
-    def settings(self) -> ChipSettings:
-        """Settings of the chips."""
-        return ChipSettings(
-            self.gain, self.resolution, self.digital_filter, self.oversampling, self.temperature,
-            hallconf=self.hallconf,
-        )  # fmt: skip
 
     def places(self, chips: int) -> list[ChipPlace]:
         """Place of each of so many chips; ValueError where the numbers do not fit."""
@@ -182,7 +169,7 @@ class ChipConnection(FramedConnection):
 
     def scale(self) -> npt.ArrayLike:
         """Step of x, y, z (T) at these settings, shape (3,)."""
-        return self.settings.tesla_per_count
+        return self.tesla_per_count
 
     def open(self, layout: Layout, clock_ns: Callable[[], int]) -> Device:
         """See `FramedConnection.open`."""
@@ -190,8 +177,7 @@ class ChipConnection(FramedConnection):
             return super().open(layout, clock_ns)
         return ChipArray(
             [I2cBus(path) for path in self.buses], self.places(layout.shape[0]), layout,
-            self.settings, cast('Mode', self.mode), layout.rate_hz, clock_ns,
-            bus_hz=self.bus_clock,
+            self, cast('Mode', self.mode), layout.rate_hz, clock_ns, bus_hz=self.bus_clock,
         )  # fmt: skip
 
     def simulate(
@@ -202,7 +188,7 @@ class ChipConnection(FramedConnection):
         if self.transport == 'serial':
             return super().simulate(layout, signal, noise, seed, clock, temperature_c)
         return ChipArrayTwin(
-            self.places(layout.shape[0]), layout, signal, temperature_c, self.settings,
+            self.places(layout.shape[0]), layout, signal, temperature_c, self,
             cast('Mode', self.mode), layout.rate_hz, noise,
             hertz=self.bus_clock or FASTEST_HZ, clock=clock, seed=seed,
         )  # fmt: skip

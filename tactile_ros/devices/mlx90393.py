@@ -106,13 +106,13 @@ class ChipSettings:
     def __post_init__(self) -> None:
         """Refuse what the chip cannot do; warn of what it does badly."""
         admit(self)
-        pair = (self.digital_filter, self.oversampling)
+        pair, owner = (self.digital_filter, self.oversampling), type(self).__name__
         msg = ''
         if self.hallconf not in TESLA_PER_LSB:
-            msg = f'hallconf of ChipSettings must be 0 or 12; received {self.hallconf}'
+            msg = f'hallconf of {owner} must be 0 or 12; received {self.hallconf}'
         elif self.hallconf == 0xC and pair in FORBIDDEN_FILTERS:
             msg = (
-                'digital_filter and oversampling of ChipSettings must not be '
+                f'digital_filter and oversampling of {owner} must not be '
                 f'{" or ".join(map(str, FORBIDDEN_FILTERS))} at HALLCONF 0xC; received {pair}'
             )
         if msg:
