@@ -18,16 +18,9 @@ from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.enrolment import Signal, playing
 from tactile_ros.errors import TactileError
 from tactile_ros.pipeline import Pipeline
-from tactile_ros.types import (
-    Array,
-    Device,
-    Estimation,
-    Layout,
-    Recording,
-    SensorConfig,
-    Table,
-    Twin,
-)
+from tactile_ros.types.contracts import Device, Estimation, Table, Twin
+from tactile_ros.types.frame import Array, Layout, SensorConfig
+from tactile_ros.types.recording import Recording
 
 ALIASES = {'anyskin': 'reskin_board', 'eflesh': 'reskin_board', 'reskin': 'reskin_board'}
 

@@ -31,18 +31,8 @@ from tactile_ros.estimators.regression import (
     spread_out,
 )
 from tactile_ros.estimators.slip_detector import FEWEST, SlipDetector
-from tactile_ros.types import (
-    Array,
-    Bools,
-    Columns,
-    Estimation,
-    Estimator,
-    FrameStatus,
-    Integers,
-    Report,
-    SensorConfig,
-    Signals,
-)
+from tactile_ros.types.contracts import Estimation, Estimator, Report, Signals
+from tactile_ros.types.frame import Array, Bools, Columns, FrameStatus, Integers, SensorConfig
 from tactile_ros.types.recording import CALM
 
 Scalar = TypeVar('Scalar', bound=np.generic)

@@ -15,11 +15,7 @@ Source: [5] on a large-area tactile sensor with five electrodes.
 from __future__ import annotations
 
 from tactile_ros.sensors.five_wire_skin.config import FiveWireSkinConfig, layout
-from tactile_ros.sensors.five_wire_skin.estimation import (
-    CLASSES,
-    ESTIMATORS,
-    FiveWireEstimation,
-)
+from tactile_ros.sensors.five_wire_skin.estimation import CLASSES, ESTIMATORS, FiveWireEstimation
 from tactile_ros.sensors.five_wire_skin.twin import NOISE, FiveWireSkinConnection, presses
 from tactile_ros.sensors.registry import SensorSpec
 

@@ -35,17 +35,8 @@ from tactile_ros.sensors.regression import (
     missing_history,
     missing_loads,
 )
-from tactile_ros.types import (
-    Array,
-    Bools,
-    Columns,
-    Estimation,
-    Estimator,
-    FrameStatus,
-    Integers,
-    Report,
-    Signals,
-)
+from tactile_ros.types.contracts import Estimation, Estimator, Report, Signals
+from tactile_ros.types.frame import Array, Bools, Columns, FrameStatus, Integers
 
 ESTIMATORS = (*REGRESSORS, 'printed')
 NOMINAL_ERROR = 0.06  # of the sheet: an uneven border bends the linear formula that much

@@ -16,12 +16,7 @@ from tactile_ros.estimators.polynomial_force import PolynomialForce, ThermalPoly
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig, layout
 from tactile_ros.sensors.gradiometer.estimation import ESTIMATORS, GradiometerEstimation
 from tactile_ros.sensors.gradiometer.temperature import Thermometer
-from tactile_ros.sensors.gradiometer.twin import (
-    NOISE,
-    GradiometerConnection,
-    presses,
-    temperature,
-)
+from tactile_ros.sensors.gradiometer.twin import NOISE, GradiometerConnection, presses, temperature
 from tactile_ros.sensors.registry import SensorSpec
 from tactile_ros.sensors.regression import CLASSES
 

@@ -44,17 +44,8 @@ from tactile_ros.physics.temperature import hall_sensitivity
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig
 from tactile_ros.sensors.gradiometer.temperature import Thermometer, drift_rows, mean_of
 from tactile_ros.sensors.gradiometer.twin import LEAST_NOISE, field_model, terms
-from tactile_ros.types import (
-    Array,
-    Bools,
-    Columns,
-    Estimation,
-    Estimator,
-    FrameStatus,
-    Integers,
-    Report,
-    Signals,
-)
+from tactile_ros.types.contracts import Estimation, Estimator, Report, Signals
+from tactile_ros.types.frame import Array, Bools, Columns, FrameStatus, Integers
 
 ESTIMATORS = ('inversion', 'polynomial', 'ridge')
 TARGETS = ('force', 'torque', 'position')

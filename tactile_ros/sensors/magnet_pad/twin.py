@@ -15,12 +15,7 @@ import numpy as np
 from tactile_ros.devices.connections import ChipConnection
 from tactile_ros.enrolment import Programme, Touches, Truth, growing_loads, recorded
 from tactile_ros.physics.magnetics import EXACT, in_chip_axes
-from tactile_ros.sensors.magnet_pad.body_model import (
-    NOISE,
-    blocks_of,
-    movement,
-    touches_at,
-)
+from tactile_ros.sensors.magnet_pad.body_model import NOISE, blocks_of, movement, touches_at
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig, layout
 from tactile_ros.types import Array, Recording
 

@@ -8,14 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactile_ros.types import Array, Layout
-from tactile_ros.types.config_fields import (
-    admit,
-    array,
-    each_channel,
-    maybe_array,
-    number,
-    switch,
-)
+from tactile_ros.types.config_fields import admit, array, each_channel, maybe_array, number, switch
 
 PITCH = 7e-3
 CHANNELS = 3
