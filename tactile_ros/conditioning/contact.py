@@ -52,12 +52,7 @@ def calm_factor(calm: Array | None, firm: Array, scale: Array) -> float:
 
 def excursion(delta: Array, scale: Array) -> Array:
     """Largest deviation (s,) of frames (s, t, c) over the threshold (t, c); NaN: unknown."""
-    size = np.empty(len(delta))
-    contact_rows(
-        np.ascontiguousarray(delta), scale, np.ones(len(delta), bool), size,
-        np.empty(len(delta), np.int8),
-    )  # fmt: skip
-    return size
+    return np.asarray(np.abs(delta / scale).max(axis=(1, 2)))
 
 
 @compiled

@@ -17,13 +17,7 @@ SATURATED, ERROR, DEAD = (
     np.uint8(bit) for bit in (TaxelStatus.SATURATED, TaxelStatus.ERROR, TaxelStatus.DEAD)
 )
 NO_LIMIT = np.empty(0)
-UNUSABLE = np.uint8(
-    TaxelStatus.SATURATED
-    | TaxelStatus.STUCK
-    | TaxelStatus.ERROR
-    | TaxelStatus.WRAPPED
-    | TaxelStatus.DEAD
-)
+UNUSABLE = np.uint8(sum(TaxelStatus) - TaxelStatus.STALE)  # all but that
 
 
 def taxel_faults(values: Array, status: Bytes | None, layout: Layout) -> Bytes:

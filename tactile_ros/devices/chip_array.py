@@ -121,11 +121,6 @@ class ChipArray(Closing, Device):
         """Counts since the driver was made, by `COUNTERS`, and how many chips are missing now."""
         return {**self._counts, 'missing': len(self.missing)}
 
-    def __enter__(self) -> ChipArray:
-        """Open."""
-        self.open()
-        return self
-
     def open(self) -> None:
         """Open the buses, reset and configure the chips, and measure once.
 

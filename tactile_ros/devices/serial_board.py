@@ -9,7 +9,6 @@ from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable
 from dataclasses import asdict
-from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -23,8 +22,6 @@ from tactile_ros.devices.timestamps import ArrivalTime, DeviceTime
 from tactile_ros.devices.transport import SerialPort
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.types import Array, Bools, Bytes, Closing, Device, Frame, Layout, TaxelStatus
-
-Own = TypeVar('Own', bound='SerialBoard')
 
 FIRST_RETRY_S = 0.05
 LONGEST_RETRY_S = 0.5
@@ -110,11 +107,6 @@ class SerialBoard(Closing, Device):
         `suspected` frames are missing by the clock alone.
         """
         return {**asdict(self._stream.counts), **self._counts, **self._time_of.counters()}
-
-    def __enter__(self: Own) -> Own:
-        """Open."""
-        self.open()
-        return self
 
     def open(self) -> None:
         """Open the port; DeviceError in one sentence where it is missing, busy or forbidden."""

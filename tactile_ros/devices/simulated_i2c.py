@@ -376,10 +376,9 @@ class ChipArrayTwin(Closing):
         buses = [I2cBus(f'simulated-{i}', smbus=bus) for i, bus in enumerate(self.buses)]
         return self._driver(buses, clock_ns=clock_ns)
 
-    def __enter__(self) -> ChipArrayTwin:
+    def open(self) -> None:
         """Begin: the signal's time is 0 now."""
         self._start_ns = self._clock.now_ns()
-        return self
 
     def close(self) -> None:
         """End; nothing is held."""

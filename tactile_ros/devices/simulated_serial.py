@@ -11,7 +11,6 @@ import time
 import tty
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +22,6 @@ from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.types import Array, Closing, Device, Layout
 
-Own = TypeVar('Own', bound='SerialTwin')
 Driver = Callable[[str, Callable[[], int]], Device]  # on a port, with stamps by a clock (ns)
 
 BYTE_FAULTS = ('dropped', 'doubled', 'flipped', 'garbage', 'inserted', 'truncated', 'shifted')
@@ -226,14 +224,13 @@ class SerialTwin(Closing):
             self._port = SimulatedSerialPort()
         return self._port
 
-    def __enter__(self: Own) -> Own:
+    def open(self) -> None:
         """Plug in and, without a virtual clock, begin to send."""
         _ = self._line
         if self._clock is None and self._thread is None:
             self._stop.clear()
             self._thread = threading.Thread(target=self._run, daemon=True)
             self._thread.start()
-        return self
 
     def close(self) -> None:
         """Stop sending and remove the port."""

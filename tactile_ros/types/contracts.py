@@ -230,13 +230,17 @@ Held = TypeVar('Held', bound='Closing')
 
 
 class Closing:
-    """A context manager that closes."""
+    """A context manager that opens and closes."""
+
+    def open(self) -> None:
+        """Begin, where there is something to begin."""
 
     def close(self) -> None:
         """Let go of everything."""
         raise NotImplementedError
 
     def __enter__(self: Held) -> Held:
+        self.open()
         return self
 
     def __exit__(self, *_: object) -> None:
