@@ -64,17 +64,14 @@ class BaselineTracker:
                 self._begin(now_ns)
             last = max(int(stamp_ns.searchsorted(self._begin_ns + PERIOD_NS)), first + 1)
             levels[first:last], variance[first:last] = self.baseline, self.variance
-            self._gather(values[first:last], self.scale)
+            self._count += last - first
+            if self._quiet:
+                block = np.ascontiguousarray(values[first:last])
+                self._quiet = _gather_rows(
+                    block, self.baseline, self.scale, self._total, self._finite
+                )
             first = last
         return levels, variance
-
-    def _gather(self, block: Array, scale: Array) -> None:
-        """Add frames of the running block."""
-        self._count += len(block)
-        if self._quiet:
-            self._quiet = _gather_rows(
-                np.ascontiguousarray(block), self.baseline, scale, self._total, self._finite
-            )
 
     def _close(self) -> None:
         """End the running block: follow if it was at rest."""

@@ -142,9 +142,10 @@ class HandWorld:
         self._sites = {name: self.model.site(hand.pads[name]).id for name in tips}
         self._waiting: deque[tuple[float, Array, float]] = deque()
         self._line: tuple[float, Array, Array, float] | None = None
-        self._ticks = round(1.0 / rig.rate_hz / self.model.opt.timestep)
-        rates = {round(1.0 / tip.frame_rate / self.model.opt.timestep) for tip in tips.values()}
-        (self._sensor_ticks,) = rates
+        (sensors_hz,) = {tip.skin.config.rate_hz for tip in tips.values()}
+        self._ticks, self._sensor_ticks = (
+            round(1.0 / hertz / self.model.opt.timestep) for hertz in (rig.rate_hz, sensors_hz)
+        )
         self.put(hand.description.posture('open', np.zeros(len(joints))))
 
     @property

@@ -94,11 +94,6 @@ class Fingertip(Closing):
         self._twin = cast('FramedTwin', twin)
         self._board = cast('FramedBoard', self._twin.device(clock.now_ns))
 
-    @property
-    def frame_rate(self) -> float:
-        """Frames per second."""
-        return self._twin.layout.rate_hz
-
     def close(self) -> None:
         """Let the board go."""
         self._board.close()

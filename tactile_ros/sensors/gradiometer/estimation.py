@@ -307,7 +307,8 @@ class GradiometerEstimation(Estimation):
         usual, tare = self.model.parameter_sigma, self._tare_noise(signals, rows[:touched])
         model = replace(self.model, answer_noise=noise, parameter_sigma=np.hypot(usual, tare))
         fit = calibrate(model, rough, f, states, begin=begin, gain=1e-3)
-        if self._seeks_lag:
+        asked = self.config.thermal_lag == 0 and self.config.thermal_term
+        if asked and self.thermometer_.varies and len(self.thermometer_.lags_):
             self._learn_lag(signals, model, references, fit, rows[:touched])
             frames = self._calibration_frames(signals, stray, rows, touched)
         learned = np.array([disc.TILT, disc.TILT + 1, disc.LABEL])
@@ -353,12 +354,6 @@ class GradiometerEstimation(Estimation):
         tight = np.where(known, frames.noise.min(axis=1, keepdims=True) ** -2, 0.0)
         frames.information[:, uniform] = np.maximum(frames.information[:, uniform], tight)
         return replace(frames, free=np.union1d(frames.free, [disc.LABEL]))
-
-    @property
-    def _seeks_lag(self) -> bool:
-        """True where streams show how the magnet lags behind the chip, which the config leaves."""
-        asked = self.config.thermal_lag == 0 and self.config.thermal_term
-        return asked and self.thermometer_.varies and len(self.thermometer_.lags_) > 0
 
     def _learn_lag(
         self, signals: Signals, model: ModelPrior, references: Array, fit: Calibration,
@@ -524,7 +519,7 @@ class GradiometerEstimation(Estimation):
             flags[rows] |= ~better * STRAY_FIELD
         if self.covariance_ is not None:
             # smooth functions of the place are no better than references are taken to be
-            covariance = covariance + self._least_covariance
+            covariance = covariance + np.diag((disc.LEAST_NOISE * self.spread_) ** 2)
             covariance, beyond = self.covariance_.predict(covariance, self._drivers(states))
             flags |= (beyond & (signals.in_contact != 0)) * OUT_OF_RANGE
         field = disc.MT * states[:, disc.UNIFORM : disc.MAGNET]
@@ -543,11 +538,6 @@ class GradiometerEstimation(Estimation):
             return np.full(2, np.inf)
         limit = np.asarray(self.config.saturation, float)
         return limit - np.minimum(SIGMAS * self.noise_, MOST_MARGIN * limit)
-
-    @cached_property
-    def _least_covariance(self) -> Array:
-        """Covariance (l, l) that every answer has."""
-        return np.diag((disc.LEAST_NOISE * self.spread_) ** 2)
 
     def _regress(self, signals: Signals) -> tuple[Array, Array, Array, Integers]:
         """Answers, covariances, stray field and flags by a regressor."""

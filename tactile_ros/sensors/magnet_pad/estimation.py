@@ -175,12 +175,6 @@ def _noise(chips: Array) -> float:
     return float(np.median(np.abs(np.diff(known)))) / MEDIAN if len(known) > 1 else 0.0
 
 
-def noise_of_rest(signals: Signals) -> float:
-    """Standard deviation of resting readings, over all channels; 0 where nothing rests."""
-    rest = signals.delta[signals.good & (signals.in_contact == 0)]
-    return float(np.sqrt((rest**2).mean())) if len(rest) else 0.0
-
-
 class Localisation(Recognition):
     """Estimation of the magnet pad by one of `ESTIMATORS`; None: chosen in `fit`."""
 
@@ -256,7 +250,8 @@ class Localisation(Recognition):
     def fit(self, signals: Signals, truth: Columns, groups: Columns) -> None:
         """Learn every target of which truth has a component; see `Regression`."""
         signals, truth = self.drift_.fit(signals).corrected(signals), _touched_only(truth)
-        self.noise_ = noise_of_rest(signals)
+        rest = signals.delta[signals.good & (signals.in_contact == 0)]
+        self.noise_ = float(np.sqrt((rest**2).mean())) if len(rest) else 0.0
         good, variance = signals.good, signals.baseline_variance
         self.tare_variance_ = training_baseline_variance(
             signals.baseline[good], None if variance is None else variance[good]

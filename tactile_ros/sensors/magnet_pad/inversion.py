@@ -183,7 +183,9 @@ class PadInversion:
         self.response_ = self._response(touches, x, np.ones(len(x), bool), leaning)
         fold = group_folds(_by_appearance(groups), FOLDS, seed=0)
         self._validate(touches, x, groups, fold)
-        remains = x if self.common is None else self._less_uniform(x)
+        uniform, remains = self.common, x
+        if uniform is not None:
+            remains = x - x @ np.linalg.pinv(uniform).T @ uniform.T
         lightest = float(np.quantile(np.linalg.norm(remains, axis=1), 0.01))
         self.contact_ = max(SIGMAS * self.noise, CONTACT * lightest)
         force = np.exp(touches[:, 2]) * np.sqrt(1 + (touches[:, 3:] ** 2).sum(axis=1))
@@ -280,11 +282,6 @@ class PadInversion:
         found = self.posterior(x, self.config.cells)
         stated = found.cov + np.diag(FLOOR)
         return CovarianceModel().fit(found.mean - true, stated, specimen, x)
-
-    def _less_uniform(self, x: Array) -> Array:
-        """Readings (s, d) without the uniform field that is nearest to them."""
-        assert self.common is not None
-        return np.asarray(x - x @ np.linalg.pinv(self.common).T @ self.common.T)
 
     def invert(self, x: Array, cells: Array) -> tuple[TouchEstimate, Array, Bools]:
         """Touches of finite readings x (s, d) (T) and cells (n, 3) (m); covariance, out of range.
