@@ -78,12 +78,9 @@ class ContactIds:
         self._touching = False
 
     def number(
-        self,
-        contact: npt.NDArray[np.int8],
-        restart: Bools,
-        in_time: bool,
+        self, contact: npt.NDArray[np.int8], restart: Bools, in_time: bool,
         begins: Bools | None = None,
-    ) -> Integers:
+    ) -> Integers:  # fmt: skip
         """Id (s,) of the patch in each frame; -1: none, or unknown with none before.
 
         `contact` (s,) is 1, 0, -1 unknown; independent frames are not `in_time`, each patch is
@@ -123,14 +120,9 @@ class PatchIds:
         self._ids: Integers = np.zeros(0, np.int64)
 
     def number(
-        self,
-        label: Integers,
-        count: Integers,
-        centre: Array,
-        usable: Bools,
-        restart: Bools,
+        self, label: Integers, count: Integers, centre: Array, usable: Bools, restart: Bools,
         begins: Bools | None = None,
-    ) -> Integers:
+    ) -> Integers:  # fmt: skip
         """Ids (s, k) of the patches of frames in time order; -1: no patch.
 
         `label` (s, t) is the patch of each taxel, strongest 0, -1 none; `count` (s,) and `centre`

@@ -84,7 +84,7 @@ class ChipArray(Closing, Device):
         self._burst = mode == 'burst'
         if bus_hz > 0 and rate_hz is not None:
             check_bus_capacity(places, settings, self._burst, rate_hz, bus_hz)
-        self._layout = layout
+        self.layout = layout
         self._settings = settings
         self._period_ns = round(1e9 / rate_hz) if rate_hz and rate_hz > 0 else 0
         self._clock_ns = clock_ns
@@ -106,11 +106,6 @@ class ChipArray(Closing, Device):
         self._sequence = 0
         self._last_stamp_ns: int | None = None
         self._next_ns = 0
-
-    @property
-    def layout(self) -> Layout:
-        """Layout of the chips."""
-        return self._layout
 
     @property
     def missing(self) -> tuple[ChipPlace, ...]:

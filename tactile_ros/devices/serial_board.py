@@ -79,7 +79,7 @@ class SerialBoard(Closing, Device):
     ) -> None:  # fmt: skip
         if not native_usb:
             check_uart(f'frames of {decoder.content}', decoder.size, layout.rate_hz, baud)
-        self._layout = layout
+        self.layout = layout
         self._port = SerialPort(port, baud)
         self._stream, self._stuck, self._time_of = decoder, stuck, time_of
         self._frozen = StuckDetector(1)
@@ -94,11 +94,6 @@ class SerialBoard(Closing, Device):
         self._closed = False
         self._failure = ''
         self._retry_s = self._retry_at = 0.0
-
-    @property
-    def layout(self) -> Layout:
-        """Layout of the taxels."""
-        return self._layout
 
     def counters(self) -> dict[str, int]:
         """Frames, losses and damage since the driver was made, by name.
@@ -290,7 +285,7 @@ class ReskinBoard(SerialBoard):
     def _status(self, decoded: reskin_protocol.Decoded) -> Bytes:
         status = self._repeats(decoded.values)
         status[decoded.error] |= np.uint8(TaxelStatus.ERROR)
-        clipped = (np.abs(decoded.values) >= self._layout.saturation).any(axis=-1)
+        clipped = (np.abs(decoded.values) >= self.layout.saturation).any(axis=-1)
         status[clipped] |= np.uint8(TaxelStatus.SATURATED)
         if self._mark_repeats:
             readings = np.concatenate([decoded.values, decoded.temperature_c[..., None]], axis=-1)
@@ -300,7 +295,7 @@ class ReskinBoard(SerialBoard):
         return status
 
     def _silence(self, timeout: float) -> DeviceError:
-        port, pending, chips = self._port.port, self._decoder.pending, self._layout.shape[0]
+        port, pending, chips = self._port.port, self._decoder.pending, self.layout.shape[0]
         if self._decoder.locked or not pending:
             return DeviceTimeout(f'no frame came from {port} within {timeout:g} s')
         foreign = reskin_protocol.diagnose_stream(pending, chips)
@@ -431,8 +426,8 @@ class LineBoard(SerialBoard):
         if not decoded.lost:
             return
         lost = self._losses(decoded.lost)
-        values = decoded.numbers.reshape(-1, *self._layout.shape) * self._scale
-        limit = np.asarray(self._layout.saturation) * (1 - ROUNDING)
+        values = decoded.numbers.reshape(-1, *self.layout.shape) * self._scale
+        limit = np.asarray(self.layout.saturation) * (1 - ROUNDING)
         clipped = np.abs(values) >= limit
         status = np.any(clipped, axis=-1) * np.uint8(TaxelStatus.SATURATED)
         status = status | self._stands_still(values, (values != 0) & ~clipped)

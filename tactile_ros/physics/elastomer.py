@@ -48,14 +48,9 @@ PITCHES = 128  # of the shortest wave of a carpet, in the period
 
 
 def disc_press(
-    points: Array,
-    contacts: Array,
-    normals: Array,
-    forces: Array,
-    radius: Array,
-    shear_modulus: float,
-    bond: Array,
-) -> Array:
+    points: Array, contacts: Array, normals: Array, forces: Array, radius: Array,
+    shear_modulus: float, bond: Array,
+) -> Array:  # fmt: skip
     """Displacement (m) of points (s, m, 3) (m) under even pressure on discs of the surface.
 
     Parameters

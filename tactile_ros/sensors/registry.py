@@ -79,7 +79,8 @@ class SensorSpec:
     noise: float  # of a reading of a twin (unit of the layout) where the config says none
     presses: Callable[..., Recording]  # of a simple programme, with truth, for a config and a seed
     classes: tuple[type, ...]  # what a calibration file of this sensor may hold
-    recordings: Callable[[], Mapping[str, Recording]]  # of a real one, carried by the package
+    # of a real one, carried by the package
+    recordings: Callable[[], Mapping[str, Recording]] = dict
     # chip temperatures of `presses` for a config: time (s) -> (t,) (degrees Celsius)
     temperature: Callable[..., Signal] | None = None
     # fields with which `tactile demo` runs its twin, such as ROS parameters can hold

@@ -587,9 +587,6 @@ class Regression(Estimation):
         return wide
 
 
-Recognition = Regression
-
-
 def _moves(values: Array) -> bool:
     """Readings (s, t, c) are more than one constant, from which nothing is learned."""
     read = np.nan_to_num(values)

@@ -113,13 +113,10 @@ class HandWorld:
     """
 
     def __init__(
-        self,
-        rig: Rig,
-        objects: str,
-        rest: str = '',
+        self, rig: Rig, objects: str, rest: str = '',
         place: Callable[[Array], Array] = lambda centre: centre,
         field: Callable[[Array, Array], Array] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         hand, tips = rig.hand, rig.tips
         self.engine = load_engine()
         text = scene_text(hand.bodies + objects, hand.rest + rest)

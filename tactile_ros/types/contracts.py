@@ -253,9 +253,7 @@ class Device(AbstractContextManager['Device'], Protocol):
     Drivers inherit it for the steps that have a default.
     """
 
-    @property
-    def layout(self) -> Layout:
-        """Places and channels of the taxels."""
+    layout: Layout  # places and channels of the taxels
 
     def read(self, timeout: float) -> Frame:
         """Wait at most `timeout` (s) for the next frame; DeviceTimeout when none came."""

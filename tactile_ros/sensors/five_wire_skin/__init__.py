@@ -32,5 +32,4 @@ SENSOR = SensorSpec(
     noise=NOISE,
     presses=presses,
     classes=(FiveWireSkinConfig, *CLASSES),
-    recordings=dict,
 )

@@ -39,7 +39,6 @@ SENSOR = SensorSpec(
     temperature=temperature,
     presses=presses,
     classes=(GradiometerConfig, *OWN, *CLASSES),
-    recordings=dict,
     # twin, driver and estimators share a process and two cores with the recorder
     demo={'rate_hz': 300.0},
 )

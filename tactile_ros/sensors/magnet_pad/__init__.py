@@ -33,5 +33,4 @@ SENSOR = SensorSpec(
     noise=NOISE,
     presses=presses,
     classes=CLASSES,
-    recordings=dict,
 )

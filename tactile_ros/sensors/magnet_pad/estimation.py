@@ -31,7 +31,7 @@ from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.sensors.magnet_pad.inversion import SIGMAS, TABLE, PadInversion
 from tactile_ros.sensors.regression import CLASSES as REGRESSION_CLASSES
 from tactile_ros.sensors.regression import ESTIMATORS as REGRESSORS
-from tactile_ros.sensors.regression import Recognition, places_of, scatter_rows
+from tactile_ros.sensors.regression import Regression, places_of, scatter_rows
 from tactile_ros.types import (
     Array,
     Bools,
@@ -175,7 +175,7 @@ def _noise(chips: Array) -> float:
     return float(np.median(np.abs(np.diff(known)))) / MEDIAN if len(known) > 1 else 0.0
 
 
-class Localisation(Recognition):
+class Localisation(Regression):
     """Estimation of the magnet pad by one of `ESTIMATORS`; None: chosen in `fit`."""
 
     uses_temperature = True

@@ -25,7 +25,7 @@ from tactile_ros.sensors.multipole_skin.recogniser import (
     best_network,
     class_chances,
 )
-from tactile_ros.sensors.regression import Recognition, scatter_rows
+from tactile_ros.sensors.regression import Regression, scatter_rows
 from tactile_ros.types import Estimation
 
 if TYPE_CHECKING:
@@ -303,7 +303,7 @@ class MultipoleEstimation(Estimation):
 
     Attributes
     ----------
-    frames_ : Recognition
+    frames_ : Regression
         Regressors and votes of frames.
     recogniser_ : Recogniser or None
         Of presses; None before a fit, and where a regressor was asked for.
@@ -316,7 +316,7 @@ class MultipoleEstimation(Estimation):
     learns_classes = True
 
     def __init__(self, config: MultipoleSkinConfig, estimator: str | None = None) -> None:
-        self.frames_ = Recognition(config, None if estimator in NETWORKS else estimator)
+        self.frames_ = Regression(config, None if estimator in NETWORKS else estimator)
         self.config, self.wanted = config, estimator
         self.network_: NetworkClasses | None = None
         self.recogniser_: Recogniser | None = None

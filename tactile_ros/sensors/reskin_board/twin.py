@@ -54,21 +54,8 @@ def presses(
 ) -> Recording:
     """Readings of `count` presses with their truth: position and force.
 
-    Parameters
-    ----------
-    config : ReskinBoardConfig
-        Of the sensor.
-    seed : int
-        Of places, loads and noise.
-    count : int
-        Presses (n).
-    noise : float or None
-        Of a channel (T); None: that of the chips.
-
-    Returns
-    -------
-    Recording
-        One stream that begins with a tare.
+    One stream that begins with a tare. `seed` is of places, loads and noise, `noise` of a channel
+    (T); None: that of the chips.
     """
     return recorded(
         layout(config),
@@ -124,14 +111,9 @@ class ReskinBoardConnection:
         )  # fmt: skip
 
     def simulate(
-        self,
-        layout: Layout,
-        signal: Callable[[float], Array],
-        noise: float | Array,
-        seed: int,
-        clock: VirtualClock | None = None,
-        temperature_c: Callable[[float], Array] | None = None,
-    ) -> ReskinTwin:
+        self, layout: Layout, signal: Callable[[float], Array], noise: float | Array, seed: int,
+        clock: VirtualClock | None = None, temperature_c: Callable[[float], Array] | None = None,
+    ) -> ReskinTwin:  # fmt: skip
         """Twin on a pseudo-terminal, see `FramedConnection.simulate`; nothing in it converts."""
 
         def driver(port: str, clock_ns: Callable[[], int]) -> ReskinBoard:

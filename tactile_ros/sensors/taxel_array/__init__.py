@@ -33,7 +33,6 @@ SENSOR = SensorSpec(
     noise=NOISE,
     presses=presses,
     classes=(TaxelArrayConfig, Outline, *CLASSES),
-    recordings=dict,
     # A tube whose width is unknown takes 10 ms a frame, more on a busy machine.
     demo={
         'rate_hz': 20.0,
