@@ -11,11 +11,6 @@ from tactile_ros.hands.description import Finger, HandDescription, list_hands, l
 from tactile_ros.hands.drivers import HandDriver, list_drivers, load_driver
 
 __all__ = [
-    'Finger',
-    'HandDescription',
-    'HandDriver',
-    'list_drivers',
-    'list_hands',
-    'load_driver',
+    'Finger', 'HandDescription', 'HandDriver', 'list_drivers', 'list_hands', 'load_driver',
     'load_hand',
-]
+]  # fmt: skip

@@ -94,11 +94,6 @@ def rotations(vectors: Array) -> Array:
     return np.asarray(np.eye(3) + once * cross + twice * (cross @ cross))
 
 
-def tilt_rotation(tilts: Array) -> Array:
-    """Rotation matrices (s, 3, 3) of turns (s, 2) about x and y (rad)."""
-    return rotations(np.pad(tilts, ((0, 0), (0, 1))))
-
-
 def cuboid_field(points: Array, size: Array, polarisation: Array) -> Array:
     """Field (..., 3) (T) of a block whose polarisation is the same throughout.
 
@@ -203,7 +198,7 @@ def on_pixels(pixels: Array, own_field: Callable[[Array], Array]) -> Callable[[A
     """
 
     def readings(states: Array) -> Array:
-        turn = tilt_rotation(states[:, 3:])
+        turn = rotations(np.pad(states[:, 3:], ((0, 0), (0, 1))))
         own = np.einsum('sji,stj->sti', turn, pixels[None] - states[:, None, :3])
         field = own_field(own.reshape(-1, 3)).reshape(own.shape)
         return np.asarray(np.einsum('sij,stj->sti', turn, field))
