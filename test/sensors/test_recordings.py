@@ -2,6 +2,7 @@
 """Shipped recordings: whole counts, a tare row before every touch, truth, and known facts."""
 
 import hashlib
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,10 @@ from tactile_ros.conditioning.baseline import tare_runs
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.reskin_board import recordings
 from tactile_ros.sensors.reskin_board.config import ReskinBoardConfig, layout
-from tactile_ros.sensors.reskin_board.recordings.convert import packed
 from tactile_ros.types import Recording
 
 FOLDER = Path(recordings.__file__).parent
+packed = runpy.run_path(str(Path(__file__).parents[2] / 'training/recordings.py'))['packed']
 FINE, COARSE = (0.6, 0.6, 0.968), (2.4, 2.4, 3.872)
 # frames, tare rows, chips, quantum (uT), first frame of the first chip (uT)
 FACTS = {

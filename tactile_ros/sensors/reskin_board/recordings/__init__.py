@@ -19,7 +19,7 @@ SLIP_TARE_ROWS = 10
 # the two boards' true places are not published: 20 mm to either side, so that none coincide
 BESIDE = np.array([20e-3, 0.0, 0.0])
 
-# what convert.py packs
+# what training/recordings.py packs
 PACKED = {'counts', 'rest', 'touch', 'time_us', 'probe_um', 'label', 'sequence'}
 
 Arrays = dict[str, npt.NDArray[np.generic]]

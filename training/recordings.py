@@ -1,13 +1,13 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Turn the published csv files of eFlesh into the integer counts that this folder carries.
+"""Turn the published csv files of eFlesh into the integer counts that the package carries.
 
-    python -m tactile_ros.sensors.reskin_board.recordings.convert FOLDER [DESTINATION]
+    python training/recordings.py FOLDER [DESTINATION]
 
-FOLDER holds spatial/, normal/, shear/ and slip/ as in the README beside this file. Fields are the
-chips' own counts, times are microseconds since the run's start, probe positions micrometres and
-the scale's readings hundredths of a gram (-100: no reading), so that nothing is lost or invented.
-All but the scale's are packed, which makes the files a quarter smaller; `unpacked` beside this
-file gives the same numbers back.
+FOLDER holds spatial/, normal/, shear/ and slip/ as in the README beside the recordings. Fields are
+the chips' own counts, times are microseconds since the run's start, probe positions micrometres
+and the scale's readings hundredths of a gram (-100: no reading), so that nothing is lost or
+invented. All but the scale's are packed, which makes the files a quarter smaller; `unpacked`
+beside the recordings gives the same numbers back.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+RECORDINGS = Path(__file__).parents[1] / 'tactile_ros/sensors/reskin_board/recordings'
 FINE = (0.6, 0.6, 0.968)
 COARSE = (2.4, 2.4, 3.872)
 RUNS = (
@@ -79,9 +80,9 @@ def convert_run(folder: Path, quantum_ut: tuple[float, ...]) -> dict[str, npt.ND
 
 
 def main() -> None:
-    """Write one npz per run beside this file, or in the folder that is given."""
+    """Write one npz per run beside the others, or in the folder that is given."""
     source = Path(sys.argv[1])
-    destination = Path(sys.argv[2]) if len(sys.argv) > 2 else Path(__file__).parent
+    destination = Path(sys.argv[2]) if len(sys.argv) > 2 else RECORDINGS
     for name, folder, quantum in RUNS:
         arrays = convert_run(source / folder, quantum)
         np.savez_compressed(destination / f'{name}.npz', **arrays)  # type: ignore[arg-type]
