@@ -18,7 +18,7 @@ from tactile_ros.physics.magnetics import (
     exact_disc,
     in_chip_axes,
     magnet_moment,
-    tilt_rotation,
+    rotations,
 )
 
 RNG = np.random.default_rng(0)
@@ -98,7 +98,7 @@ def test_tilted_disc_is_that_of_magpylib() -> None:
     pixels = 1e-3 * np.array([[-1, -1, 0], [1, 1, 0]], float)
     state = np.array([[2e-4, -3e-4, 2.4e-3, 0.1, -0.2]])
     turn = Rotation.from_rotvec([0.1, -0.2, 0.0])
-    assert np.allclose(tilt_rotation(state[:, 3:])[0], turn.as_matrix(), atol=1e-15)
+    assert np.allclose(rotations(np.pad(state[0, 3:], (0, 1))), turn.as_matrix(), atol=1e-15)
     magnet = magpylib.magnet.Cylinder(
         dimension=(2e-3, 1e-3), polarization=UP, position=state[0, :3], orientation=turn
     )
