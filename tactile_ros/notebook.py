@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from tactile_ros.errors import RecordingError, TactileError
 from tactile_ros.evaluation import fleet, recording_files
 from tactile_ros.evaluation.recording_files import LoadedRecording
-from tactile_ros.evaluation.replay import Follower, with_known_rests, with_tare_rows
+from tactile_ros.evaluation.replay import replay, with_known_rests, with_tare_rows
 from tactile_ros.evaluation.report import Result, provenance
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors.registry import SensorSpec, fit_layout, load_sensor
@@ -77,7 +77,7 @@ class Calibration(Pipeline):
         elif not self.rest_.tared:
             _warn(f'tares of {run.name} are left out: this calibration was fitted without rest')
             run = replace(run, baselines=())
-        return Follower(self, run.calibrations)(replace(run, contacts=None))
+        return replay(replace(run, contacts=None, changes=()), self).states
 
     def evaluate(self, *recordings: Recording) -> Result:
         """Errors against the truth of recordings, and differences to the live run of bags.

@@ -85,6 +85,7 @@ STARTED = {
     'rosidl_default_runtime': 'libraries of the generated messages',
     'tf2_ros': 'its static_transform_publisher is started by launch files',
 }
+LOADERS = ('import_module', 'load_package')
 TOOLS = {
     'mkdocs_material', 'mkdocstrings_python', 'mypy', 'pytest_xdist', 'ruff', 'types_pyserial',
     'types_pyyaml', 'xacro',
@@ -107,8 +108,8 @@ def imported_by(path: Path) -> set[str]:
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
             found.add(node.module)
-        elif isinstance(node, ast.Call) and called(node.func) == 'import_module':
-            found |= {arg.value for arg in node.args if isinstance(arg, ast.Constant)}
+        elif isinstance(node, ast.Call) and called(node.func) in LOADERS:
+            found |= {arg.value for arg in node.args[:1] if isinstance(arg, ast.Constant)}
     return found
 
 

@@ -186,7 +186,7 @@ class Scene:
 
     def again(self, name: str) -> None:
         """Start a killed process again."""
-        self.running.wait(name, PATIENCE_S)
+        self.running.children[name].wait(PATIENCE_S)
         (process,) = (p for p in self.graph.processes if self.graph.name_of(p) == name)
         self.running.start(process)
 

@@ -20,6 +20,7 @@ from collections import Counter
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
+from importlib import import_module
 from pathlib import Path
 from threading import RLock
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
@@ -35,6 +36,7 @@ from tactile_ros.types import STATE_FIELDS, Closing, ContactState, Frame
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from types import ModuleType
 
     from mcap.records import Channel, Chunk, Schema
     from rosbags.typesys.store import Typestore
@@ -68,9 +70,14 @@ LATCHED = re.compile(r'durability:\s*(?:1\b|transient_local)')  # in offered QoS
 RULE = '=' * 80
 
 
-def missing(package: str, purpose: str) -> MissingPackageError:
-    """Make the error of an optional package that is not installed."""
-    return MissingPackageError(f'{purpose} needs {package}: pip install {package}')
+def load_package(name: str, purpose: str) -> ModuleType:
+    """Import an optional package, or a module of it; MissingPackageError says how to get it."""
+    try:
+        return import_module(name)
+    except ImportError as err:
+        package = name.partition('.')[0]
+        msg = f'{purpose} needs {package}: pip install {package}'
+        raise MissingPackageError(msg) from err
 
 
 def message_folder() -> Path:
@@ -90,15 +97,12 @@ def message_folder() -> Path:
 @lru_cache(maxsize=1)
 def all_types() -> Typestore:
     """Codec of rosbags for the standard types and those of msg/*.msg."""
-    try:
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-    except ImportError as err:
-        package = 'rosbags'
-        raise missing(package, 'reading the messages of a bag') from err
-    store = get_typestore(Stores.LATEST)
+    rosbags = load_package('rosbags.typesys', 'reading the messages of a bag')
+    store: Typestore = rosbags.get_typestore(rosbags.Stores.LATEST)
     own = {}
     for file in sorted(message_folder().glob('*.msg')):
-        own.update(get_types_from_msg(file.read_text('utf-8'), f'{PACKAGE}/msg/{file.stem}'))
+        name = f'{PACKAGE}/msg/{file.stem}'
+        own.update(rosbags.get_types_from_msg(file.read_text('utf-8'), name))
     store.register({name: kind for name, kind in own.items() if name not in store.fielddefs})
     return store
 
@@ -224,11 +228,7 @@ class BagWriter(Closing):
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        try:
-            from mcap.writer import CompressionType, Writer
-        except ImportError as err:
-            package = 'mcap'
-            raise missing(package, 'recording a bag') from err
+        mcap = load_package('mcap.writer', 'recording a bag')
         self.path = Path(path)
         self._topics: dict[str, _Topic] = {}
         self._schemas: dict[str, int] = {}
@@ -247,7 +247,8 @@ class BagWriter(Closing):
             msg = f'the bag {self.path} cannot be written: {err.strerror}'
             raise RecordingError(msg) from err
         self._pending = _ChunkBuffer()
-        self._mcap = Writer(self._pending, 1 << 62, CompressionType.NONE, enable_data_crcs=False)
+        plain = mcap.CompressionType.NONE
+        self._mcap = mcap.Writer(self._pending, 1 << 62, plain, enable_data_crcs=False)
         self._mcap.start('ros2', f'tactile_ros {__version__}')
         self._store()
         self._write_metadata()
@@ -301,7 +302,7 @@ class BagWriter(Closing):
         with self._lock:
             if self._file.closed or not (self._bytes or self._pending.getvalue()):
                 return
-            self._mcap.flush()  # type: ignore[no-untyped-call]
+            self._mcap.flush()
             times = [*self._span_ns, *self._chunk_ns]
             self._span_ns = (min(times), max(times)) if times else ()
             self._bytes, self._chunk_ns = 0, ()
@@ -318,7 +319,7 @@ class BagWriter(Closing):
             self.flush()
             self._write_metadata()
             self._mcap.add_metadata('rosbag2', {'serialized_metadata': self._metadata()})
-            self._mcap.finish()  # type: ignore[no-untyped-call]
+            self._mcap.finish()
             self._store(tail=b'')
             self._file.close()
 
@@ -501,14 +502,8 @@ class _McapFile:
     """One pass over one MCAP file."""
 
     def __init__(self, path: Path, content: BagContent, takers: Takers) -> None:
-        try:
-            import mcap.data_stream
-            import mcap.exceptions
-            import mcap.records
-        except ImportError as err:
-            package = 'mcap'
-            raise missing(package, 'reading a bag') from err
-        self.mcap = mcap
+        names = ('mcap.records', 'mcap.data_stream', 'mcap.exceptions')
+        self.kinds, self.stream, self.errors = (load_package(n, 'reading a bag') for n in names)
         self.path, self.content, self.takers = path, content, takers
         self.size = path.stat().st_size
         self.schemas: dict[int, Schema] = {}
@@ -574,8 +569,7 @@ class _McapFile:
     def _take(self, record: Record) -> None:
         if record.code not in TAKEN:
             return
-        body = self.mcap.data_stream.ReadDataStream(io.BytesIO(record.body))
-        kinds = self.mcap.records
+        kinds, body = self.kinds, self.stream.ReadDataStream(io.BytesIO(record.body))
         try:
             if record.code == CHUNK:
                 self._take_chunk(kinds.Chunk.read(body), record)
@@ -593,7 +587,7 @@ class _McapFile:
                 self.chunks.append(struct.unpack_from('<Q', record.body, 16)[0])
             elif record.code == MESSAGE:
                 self._take_records(HEAD.pack(MESSAGE, len(record.body)) + record.body)
-        except (self.mcap.exceptions.McapError, struct.error, UnicodeDecodeError):
+        except (self.errors.McapError, struct.error, UnicodeDecodeError):
             self.lost['holds records that make no sense'] += 1
 
     def _take_chunk(self, chunk: Chunk, record: Record) -> None:
@@ -661,29 +655,24 @@ def unpack(compression: str, data: bytes, size: int) -> bytes:
     if size > LARGEST_CHUNK:
         msg = f'it claims {size} bytes'
         raise RecordingError(msg)
+    if compression == '':
+        return data[:size]
+    purpose = f'reading a bag compressed with {compression}'
+    if compression == 'zstd':
+        decompressor = load_package('zstandard', purpose).ZstdDecompressor()
+        read = decompressor.stream_reader(io.BytesIO(data)).read
+    elif compression == 'lz4':
+        read = partial(load_package('lz4.frame', purpose).LZ4FrameDecompressor().decompress, data)
+    else:
+        msg = f'its compression {compression[:20]!r} is not known'
+        raise RecordingError(msg)
     try:
-        if compression == '':
-            return data[:size]
-        if compression == 'zstd':
-            import zstandard
-
-            stream = zstandard.ZstdDecompressor().stream_reader(io.BytesIO(data))
-            return bytes(stream.read(size))
-        if compression == 'lz4':
-            from lz4.frame import LZ4FrameDecompressor
-
-            unpacked: bytes = LZ4FrameDecompressor().decompress(data, max_length=size)
-            return unpacked
-    except ImportError as err:
-        purpose = f'reading a bag compressed with {compression}'
-        raise missing(err.name or compression, purpose) from err
+        return bytes(read(size))
     except MemoryError:
         raise
     except Exception as err:  # whatever the library makes of it
         msg = f'its {compression} data are damaged'
         raise RecordingError(msg) from err
-    msg = f'its compression {compression[:20]!r} is not known'
-    raise RecordingError(msg)
 
 
 def _read_sqlite(file: Path, content: BagContent, takers: Takers) -> Iterator[None]:

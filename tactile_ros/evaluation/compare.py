@@ -17,7 +17,7 @@ from scipy.special import ndtr, stdtrit
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.figures import NAMES, Figure, Plot, rounded, span_of
 from tactile_ros.evaluation.metrics import class_errors, place_groups, target_errors
-from tactile_ros.evaluation.replay import Follower, gathered, with_known_rests, with_tare_rows
+from tactile_ros.evaluation.replay import gathered, replay, with_known_rests, with_tare_rows
 from tactile_ros.types import STATE_FIELDS, Array, ContactStates, Integers, Recording, groups_of
 
 if TYPE_CHECKING:
@@ -233,13 +233,12 @@ def swap_probability(sums: Array, count: Array, root: bool, rng: np.random.Gener
 
 def judge(name: str, pipeline: Pipeline, loaded: Sequence[LoadedRecording]) -> Competitor:
     """Estimates of a pipeline, as a replay makes them."""
-    states = tuple(_followed(pipeline, one) for one in loaded)
+    states = tuple(_replayed(pipeline, one) for one in loaded)
     return Competitor(name, tuple(one.recording for one in loaded), states)
 
 
-def _followed(pipeline: Pipeline, one: LoadedRecording) -> ContactStates:
-    states = Follower(pipeline, one.calibrations, one.changes)(one)
-    return _renumbered(states, one.label_names, pipeline.label_names)
+def _replayed(pipeline: Pipeline, one: LoadedRecording) -> ContactStates:
+    return _renumbered(replay(one, pipeline).states, one.label_names, pipeline.label_names)
 
 
 def _renumbered(
@@ -281,7 +280,7 @@ def held_out(
         pairs = zip(recordings, folds, strict=True)
         pipeline = new().fit(*(one.select(fold != number) for one, fold in pairs))
         for one, fold, part in zip(loaded, folds, parts, strict=True):
-            states, rows = _followed(pipeline, one), fold == number
+            states, rows = _replayed(pipeline, one), fold == number
             part.append(ContactStates(**{n: getattr(states, n)[rows] for n in STATE_FIELDS}))
     whole = tuple(
         gathered(

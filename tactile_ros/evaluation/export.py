@@ -12,12 +12,13 @@ import json
 import re
 from collections import Counter
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.evaluation.bag import missing
+from tactile_ros.evaluation.bag import load_package
 from tactile_ros.evaluation.recording_files import PIECE, Bag
 from tactile_ros.evaluation.replay import Follower
 from tactile_ros.files import temporary_folder, write_atomically
@@ -39,13 +40,8 @@ CONTACT_FIELDS = [name for name, (shape, _, _) in STATE_FIELDS.items() if shape 
 
 def arrow() -> Arrow:
     """Load pyarrow; MissingPackageError says how to install it."""
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as err:
-        package = 'pyarrow'
-        raise missing(package, 'writing parquet') from err
-    return pyarrow
+    load_package('pyarrow.parquet', 'writing parquet')
+    return load_package('pyarrow', 'writing parquet')
 
 
 def arrow_column(column: Column) -> Arrow:
@@ -94,7 +90,7 @@ class TaxelForces:
                 continue
             self.why = 'the calibration gives none'
             if 'taxel_force' in pipeline.estimators:
-                self._follower, self.why = Follower(pipeline, piece.calibrations), ''
+                self._follower, self.why = Follower(pipeline, replace(piece, changes=())), ''
                 return
 
     def of(self, piece: LoadedRecording) -> Array | None:

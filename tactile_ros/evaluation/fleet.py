@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from threading import get_ident
-from time import perf_counter_ns
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,7 +25,7 @@ from tactile_ros import calibration as files
 from tactile_ros.conditioning.baseline import tare_runs
 from tactile_ros.errors import RecordingError, TactileError
 from tactile_ros.evaluation import metrics
-from tactile_ros.evaluation.bag import missing
+from tactile_ros.evaluation.bag import load_package
 from tactile_ros.evaluation.cdr_columns import stack
 from tactile_ros.evaluation.recording_files import (
     Bag,
@@ -126,16 +125,11 @@ class Evaluation:
     RecordingError if no pipeline is of its shape.
     """
 
-    def __init__(
-        self,
-        first: LoadedRecording,
-        pipelines: Mapping[str, Pipeline],
-        clock_ns: Callable[[], int] = perf_counter_ns,
-    ) -> None:
+    def __init__(self, first: LoadedRecording, pipelines: Mapping[str, Pipeline]) -> None:
         self._layout = first.recording.layout
         shape = self._layout.shape
         self._answers = {
-            name: _Collected(Follower(pipeline, first.calibrations, first.changes, clock_ns))
+            name: _Collected(Follower(pipeline, first))
             for name, pipeline in pipelines.items()
             if pipeline.layout.shape == shape
         }
@@ -219,7 +213,6 @@ def evaluate_bag(
     truth_topics: Sequence[str] = DEFAULT_TRUTH,
     association: Association | None = None,
     layout: Layout | None = None,
-    clock_ns: Callable[[], int] = perf_counter_ns,
     *,
     untared: bool = False,
 ) -> list[Dataset]:
@@ -237,7 +230,7 @@ def evaluate_bag(
         piece = with_first_tare(heard, first=space not in evaluations) if untared else heard
         try:
             if space not in evaluations and space not in bag.left_out:
-                evaluations[space] = Evaluation(piece, pipelines, clock_ns)
+                evaluations[space] = Evaluation(piece, pipelines)
         except RecordingError as err:
             bag.left_out[space] = str(err)
         if space in evaluations:
@@ -255,13 +248,10 @@ def evaluate_bag(
 
 
 def evaluate(
-    loaded: LoadedRecording,
-    pipelines: Mapping[str, Pipeline],
-    source: str = '',
-    clock_ns: Callable[[], int] = perf_counter_ns,
+    loaded: LoadedRecording, pipelines: Mapping[str, Pipeline], source: str = ''
 ) -> Dataset:
     """Judge a recording that is in memory as a whole; parameters as of `evaluate_bag`."""
-    evaluation = Evaluation(loaded, pipelines, clock_ns)
+    evaluation = Evaluation(loaded, pipelines)
     evaluation.add(loaded)
     return evaluation.result(loaded, source)
 
@@ -369,11 +359,7 @@ def _pool(
 
 def _on_dask(jobs: Sequence[Job], scheduler: str, add: Callable[[Outcome], None]) -> None:
     """Do jobs on a cluster: Dask gives those of a lost worker to another, a few times."""
-    try:
-        import distributed
-    except ImportError as err:
-        package = 'distributed'
-        raise missing(package, 'a Dask cluster') from err
+    distributed = load_package('distributed', 'a Dask cluster')
     try:
         client = distributed.Client(scheduler, timeout=10, set_as_default=False)
     except (OSError, ValueError) as err:

@@ -14,7 +14,7 @@ from functools import cached_property
 from itertools import pairwise
 from math import nan
 from time import perf_counter_ns
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from tactile_ros.types import (
 from tactile_ros.types.recording import FIRM
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from tactile_ros.evaluation.recording_files import LoadedRecording
     from tactile_ros.pipeline import Pipeline
@@ -50,14 +50,12 @@ STILL = 0.1  # of the frames, at which a load cell tells least
 CLEAR = 3.0  # standard errors of a mean force
 
 
-def replay(
-    loaded: LoadedRecording, pipeline: Pipeline, clock_ns: Callable[[], int] = perf_counter_ns
-) -> Follower:
+def replay(loaded: LoadedRecording, pipeline: Pipeline) -> Follower:
     """Follower of a whole recording, with the live run's baselines, else with tare rows.
 
     Raises ValueError if the shape of the pipeline differs.
     """
-    follower = Follower(pipeline, loaded.calibrations, loaded.changes, clock_ns)
+    follower = Follower(pipeline, loaded)
     follower(loaded)
     return follower
 
@@ -138,21 +136,16 @@ def failure_problems(pipeline: Pipeline, before: int = 0) -> tuple[str, ...]:
 class Follower:
     """Copy of a pipeline along a live run, with its memory carried over from piece to piece.
 
-    Calibrations (SHA-256) and changes of classes are those of the live run, which must come in one
-    piece if there are changes. `states` are of every row of the last piece, unknown where the live
-    node saw no frame; `agreement` is None without live contacts; `frames` were processed so far.
+    `first` is its first piece, or all of it, which it must be where classes came or went. `states`
+    are of every row of the last piece, unknown where the live node saw no frame; `agreement` is
+    None without live contacts; `frames` were processed so far.
     """
 
-    def __init__(
-        self,
-        pipeline: Pipeline,
-        calibrations: Sequence[str] = (),
-        changes: Sequence[enrolment.ClassChange] = (),
-        clock_ns: Callable[[], int] = perf_counter_ns,
-    ) -> None:
+    def __init__(self, pipeline: Pipeline, first: LoadedRecording) -> None:
         self.frames = self._spent_ns = 0
         self.agreement: Agreement | None = None
-        self._clock_ns, self._first = clock_ns, cast('Recording | None', None)
+        self._first: Recording | None = None
+        calibrations, changes = first.calibrations, first.changes
         self.began = as_it_began(calibrations, changes, as_live(calibrations, pipeline))
         self.pipeline = deepcopy(self.began) if changes else copy(self.began)
         self.pipeline.reset()
@@ -186,17 +179,17 @@ class Follower:
         pipeline.reset()
         for row in range(len(self._first)):
             frame = self._first.frame(row)
-            begin = self._clock_ns()
+            begin = perf_counter_ns()
             pipeline.process(frame)
-            spent.append(self._clock_ns() - begin)
+            spent.append(perf_counter_ns() - begin)
         return float(np.median(spent)) / 1000
 
     def __call__(self, piece: LoadedRecording) -> ContactStates:
         """Estimate from the next piece."""
         recording, live, count = piece.recording, piece.contacts, len(piece.seen)
-        begin = self._clock_ns()
+        begin = perf_counter_ns()
         self.states = self._estimate(piece)
-        self._spent_ns += self._clock_ns() - begin
+        self._spent_ns += perf_counter_ns() - begin
         self.frames += count
         if self._first is None and count:
             self._first = recording.select(slice(0, TIMED))

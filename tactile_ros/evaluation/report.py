@@ -23,7 +23,7 @@ import numpy as np
 
 from tactile_ros import __version__
 from tactile_ros.evaluation import figures, metrics
-from tactile_ros.evaluation.bag import missing
+from tactile_ros.evaluation.bag import load_package
 from tactile_ros.evaluation.compare import COLUMNS, NOTES, paired_groups, row_of
 from tactile_ros.evaluation.figures import MM, Drawing, Figure, quantity, rounded
 from tactile_ros.files import write_atomically
@@ -208,11 +208,7 @@ class Result:
 
         Raises MissingPackageError where pandas is not installed.
         """
-        try:
-            import pandas
-        except ImportError as error:
-            package = 'pandas'
-            raise missing(package, 'a table of errors') from error
+        pandas = load_package('pandas', 'a table of errors')
         parts = [
             _error_columns(one.name, answer.name, target, axis)
             for one in self.datasets

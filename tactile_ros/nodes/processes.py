@@ -12,7 +12,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -115,24 +114,6 @@ class Running:
 
     def _last(self, name: str) -> str:
         return ' | '.join(self.lines[name][-3:]) or 'nothing'
-
-    def wait(self, executable: str, timeout: float) -> int:
-        """Exit code of a process that ends by itself within `timeout` (s).
-
-        Raises TactileError if it does not, or another process fails before.
-        """
-        deadline = time.monotonic() + timeout
-        while True:
-            try:
-                return self.children[executable].wait(0.1)
-            except subprocess.TimeoutExpired:
-                msg = f'{executable} did not end within {timeout:g} s'
-            failed = [n for n, child in self.children.items() if n != executable and child.poll()]
-            for name in failed[:1]:
-                code = self.children[name].returncode
-                msg = f'{name} ended with code {code}: {self._last(name)}'
-            if failed or time.monotonic() > deadline:
-                raise TactileError(msg)
 
     def is_alive(self, executable: str) -> bool:
         """A process has not ended yet."""

@@ -23,7 +23,7 @@ import numpy as np
 
 from tactile_ros.errors import TactileError
 from tactile_ros.types import Closing, FrameStatus, TaxelStatus
-from tactile_ros.view.viewer import HOST, GripMessage, Seen, grip_scalars
+from tactile_ros.view.viewer import HOST, GripMessage, Seen, grip_scalars, in_sensor_axes, sigma_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -73,7 +73,6 @@ class Shown:
     seen: Seen = field(default_factory=Seen)
     rest: Array = field(default_factory=lambda: np.zeros((0, 0)))
     most: float = 1.0
-    labels: tuple[str, ...] = ()
     frames: int = 0
     rate: float = 0.0
     arrived: float = 0.0
@@ -101,11 +100,11 @@ def fault_words(state: ContactState, frame: Frame) -> list[str]:
     ]
 
 
-def layout_json(layout: Layout, labels: tuple[str, ...]) -> Json:
+def layout_json(layout: Layout) -> Json:
     """Places and channels of a sensor, which the page needs once."""
     return {
         'positions': np.round(layout.positions, 7).tolist(), 'channels': list(layout.channels),
-        'unit': layout.unit, 'sensor': layout.sensor, 'labels': list(labels),
+        'unit': layout.unit, 'sensor': layout.sensor,
     }  # fmt: skip
 
 
@@ -113,8 +112,7 @@ def frame_json(shown: Shown) -> Json:
     """Numbers of one frame as the page draws them (SI); null where they are not estimated."""
     state, layout = shown.state, shown.layout
     change = shown.frame.values - shown.rest
-    if layout.rotations is not None and change.shape[1] == 3:
-        change = np.einsum('tij,tj->ti', layout.rotations, change)
+    change = in_sensor_axes(layout, change) if change.shape[1] == 3 else change
     status = state.taxel_status
     return {
         't': (shown.frame.stamp_ns or 0) * 1e-9,
@@ -122,7 +120,7 @@ def frame_json(shown: Shown) -> Json:
         'most': shown.most,
         'bad': np.flatnonzero(np.isnan(change).any(axis=1) | (status != 0)).tolist(),
         'force': _numbers(state.force),
-        'sigma': _numbers(_sigma(state.force_cov)),
+        'sigma': _numbers(sigma_of(state.force_cov)),
         'contacts': _contacts(state),
         'ellipse': _ellipse(state.position_cov[:2, :2]),
         'in_contact': int(state.in_contact), 'slip': int(state.slip),
@@ -137,11 +135,6 @@ def frame_json(shown: Shown) -> Json:
 def _numbers(values: Array) -> list[float | None]:
     """Numbers with six digits, None for those that are not finite."""
     return [float(f'{x:.6g}') if np.isfinite(x) else None for x in values.tolist()]
-
-
-def _sigma(cov: Array) -> Array:
-    with np.errstate(invalid='ignore'):
-        return np.asarray(np.sqrt(np.diagonal(cov)))
 
 
 def _contacts(state: ContactState) -> list[list[float | None]]:
@@ -202,19 +195,12 @@ class PageServer(Closing):
         self._server.shutdown()
         self._server.server_close()
 
-    def show(
-        self,
-        name: str,
-        layout: Layout,
-        frame: Frame,
-        state: ContactState,
-        labels: tuple[str, ...] = (),
-    ) -> None:
+    def show(self, name: str, layout: Layout, frame: Frame, state: ContactState) -> None:
         """Show one frame of the sensor `name` ('' where there is but one)."""
         with self._news:
             shown = self._shown.get(name)
-            if shown is None or shown.layout is not layout or shown.labels != labels:
-                shown = self._shown[name] = Shown(layout, frame, state, labels=labels)
+            if shown is None or shown.layout is not layout:
+                shown = self._shown[name] = Shown(layout, frame, state)
                 self._layouts += 1
             shown.update(frame, state, time.monotonic())
             self._version += 1
@@ -255,7 +241,7 @@ class PageServer(Closing):
     def _places(self) -> tuple[int, bytes]:
         """Number and event of the sensors that there are."""
         with self._news:
-            sensors = {name: layout_json(s.layout, s.labels) for name, s in self._shown.items()}
+            sensors = {name: layout_json(s.layout) for name, s in self._shown.items()}
             return self._layouts, event('layouts', {'sensors': sensors, 'control': self.control})
 
     def stream(self, write: Callable[[bytes], object]) -> None:

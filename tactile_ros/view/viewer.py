@@ -7,7 +7,6 @@ Foxglove and its free sibling Lichtblick connect to the server; nothing is drawn
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -41,61 +40,10 @@ HOST = '127.0.0.1'  # this machine alone
 FADE, LEAST = 0.999, 1e-12  # of the change that has the full colour: from frame to frame, at least
 
 
-@dataclass(frozen=True)
-class Ball:
-    """An ellipsoid: middle (3,) and half axes (3,) in metres."""
-
-    middle: Array
-    half_axes: Array
-    colour: Rgba
-
-
-@dataclass(frozen=True)
-class Arrow:
-    """From a place (3,) along a vector (3,), in metres."""
-
-    start: Array
-    along: Array
-    colour: Rgba
-
-
-@dataclass(frozen=True)
-class Scene:
-    """Everything that is shown of one frame, in the sensor frame."""
-
-    balls: list[Ball]
-    arrows: list[Arrow]
-    words: str
-
-
-def scene_of(layout: Layout, frame: Frame, rest: Array, state: ContactState, most: float) -> Scene:
-    """Taxels with what they feel since `rest` (t, c), contacts with two sigmas, and forces.
-
-    A change of `most` (unit of the layout) has the full colour.
-    """
-    change = frame.values - rest
-    apart = np.linalg.norm(layout.positions[:, None] - layout.positions[None], axis=-1)
-    pitch = float(apart[apart > 0].min()) if (apart > 0).any() else 4e-3
-    balls = [
-        Ball(place, np.full(3, 0.175 * pitch), (red, green, blue, 0.9))
-        for place, (red, green, blue) in zip(
-            layout.positions, shade(change, most).tolist(), strict=True
-        )
-    ]
-    arrows = []
-    if layout.unit == 'T' and len(layout.channels) == 3:
-        length = ARROW * max(float(np.ptp(layout.positions, axis=0).max()), 2 * pitch) / most
-        turned = change if layout.rotations is None else np.einsum(
-            'tij,tj->ti', layout.rotations, change
-        )  # fmt: skip
-        arrows = [
-            Arrow(place, along * length, GREY)
-            for place, along in zip(layout.positions, turned, strict=True)
-            if np.isfinite(along).all()
-        ]
-    words = [f'{name} {int(getattr(state, name))}' for name in ('label', 'cell')
-             if getattr(state, name) >= 0] + ['slips'] * int(state.slip == 1)  # fmt: skip
-    return Scene([*balls, *_contacts(state)], [*arrows, *_forces(state)], ', '.join(words))
+def sigma_of(cov: Array) -> Array:
+    """Standard deviations (n,) of a covariance (n, n), NaN where they are unknown."""
+    with np.errstate(invalid='ignore'):
+        return np.asarray(np.sqrt(np.diagonal(cov)))
 
 
 def shade(change: Array, most: float) -> Array:
@@ -104,141 +52,138 @@ def shade(change: Array, most: float) -> Array:
     return np.where(np.isnan(share), GREY[:3], COLD + share * (WARM - COLD))
 
 
-def _contacts(state: ContactState) -> list[Ball]:
-    """Contacts of two sigmas, such that they can be seen."""
-    if state.in_contact == 0:
-        return []
-    balls = []
-    patches = [(one.position, one.position_cov) for one in state.contacts]
-    for place, cov in patches or [(state.position, state.position_cov)]:
-        if np.isfinite(place[:2]).all():
-            sigma = np.nan_to_num(_sigma(cov), nan=LEAST_SIGMA)
-            half_axes = 2 * np.clip(sigma, LEAST_SIGMA, MOST_SIGMA)
-            balls.append(Ball(np.nan_to_num(place), half_axes, CONTACT))
-    return balls
+def in_sensor_axes(layout: Layout, change: Array) -> Array:
+    """Change (t, 3) of chips turned from their own axes to the sensor's."""
+    turns = layout.rotations
+    return change if turns is None else np.einsum('tij,tj->ti', turns, change)
 
 
-def _sigma(cov: Array) -> Array:
-    with np.errstate(invalid='ignore'):
-        return np.asarray(np.sqrt(np.diagonal(cov)))
+class Scene:
+    """Taxels, contacts and forces of one frame in the axes of its sensor, as Foxglove takes them.
 
-
-def _forces(state: ContactState) -> list[Arrow]:
-    """Forces of the contacts, or the whole one at the contact."""
-    patches = [(one.position, one.force) for one in state.contacts if np.isfinite(one.force).any()]
-    return [
-        Arrow(
-            np.nan_to_num(place),
-            METRES_PER_NEWTON * np.nan_to_num(force),
-            SLIPPING if state.slip == 1 else FORCE,
-        )
-        for place, force in patches or [(state.position, state.force)]
-        if np.nan_to_num(force).any()
-    ]
-
-
-def cloud(layout: Layout, change: Array, most: float, stamp_ns: int) -> messages.PointCloud:
-    """Taxels at their places with the change of every channel (t, c) since they were untouched.
-
-    `change` is its size, by which layouts colour taxels of any sensor; viewers without a layout
-    take red, green, blue, which say the same as the scene: warm at the change `most`.
+    Taxels show their change (t, c) since they were untouched; that of `most` (unit of the layout)
+    has the full colour.
     """
-    from foxglove import messages
 
-    names = ['x', 'y', 'z', *(f'change_{channel}' for channel in layout.channels), 'change']
-    size = np.linalg.norm(change, axis=1, keepdims=True)
-    shades = np.rint(255 * np.column_stack([shade(change, most), np.ones(len(change))]))
-    row = np.dtype([*((name, '<f8') for name in names), *((name, 'u1') for name in COLOURS)])
-    table = np.zeros(len(change), row)
-    columns = [*np.hstack([layout.positions, change, size]).T, *shades.T]
-    for name, column in zip((*names, *COLOURS), columns, strict=True):
-        table[name] = column
-    kinds = messages.PackedElementFieldNumericType
-    return messages.PointCloud(
-        timestamp=_stamp(stamp_ns),
-        frame_id=layout.frame_id,
-        point_stride=row.itemsize,
-        fields=[
-            messages.PackedElementField(
-                name=name, offset=at, type=kinds.Uint8 if name in COLOURS else kinds.Float64
+    def __init__(self, layout: Layout, change: Array, most: float, stamp_ns: int) -> None:
+        from foxglove import messages
+
+        self._messages, self._layout, self._change, self._most = messages, layout, change, most
+        stamp = messages.Timestamp(*divmod(stamp_ns, 1_000_000_000))
+        self._about = {'timestamp': stamp, 'frame_id': layout.frame_id}
+        self._balls: list[messages.SpherePrimitive] = []
+        self._arrows: list[messages.ArrowPrimitive] = []
+        self._last = np.zeros(3)  # middle of the last ball
+
+    def cloud(self) -> messages.PointCloud:
+        """Taxels at their places with the change of every channel.
+
+        `change` is its size, by which layouts colour taxels of any sensor; viewers without a
+        layout take red, green, blue, which say the same as the scene: warm at the full change.
+        """
+        layout, change, kinds = self._layout, self._change, self._messages
+        names = ['x', 'y', 'z', *(f'change_{channel}' for channel in layout.channels), 'change']
+        size = np.linalg.norm(change, axis=1, keepdims=True)
+        shades = np.rint(255 * np.column_stack([shade(change, self._most), np.ones(len(change))]))
+        row = np.dtype([*((name, '<f8') for name in names), *((name, 'u1') for name in COLOURS)])
+        table = np.zeros(len(change), row)
+        columns = [*np.hstack([layout.positions, change, size]).T, *shades.T]
+        for name, column in zip((*names, *COLOURS), columns, strict=True):
+            table[name] = column
+        number = kinds.PackedElementFieldNumericType
+        fields = [
+            kinds.PackedElementField(
+                name=name, offset=at, type=number.Uint8 if name in COLOURS else number.Float64
             )
             for name, (_, at, *_) in (row.fields or {}).items()
-        ],
-        data=table.tobytes(),
-    )
-
-
-def update(scene: Scene, frame_id: str, stamp_ns: int) -> messages.SceneUpdate:
-    """A scene that takes the place of the one before."""
-    from foxglove import messages
-
-    spheres = [
-        messages.SpherePrimitive(
-            pose=_pose(ball.middle), size=_vector(2 * ball.half_axes), color=_colour(ball.colour)
+        ]
+        return kinds.PointCloud(
+            point_stride=row.itemsize, fields=fields, data=table.tobytes(), **self._about
         )
-        for ball in scene.balls
-    ]
-    arrows = []
-    for arrow in scene.arrows:
-        length = float(np.linalg.norm(arrow.along))
+
+    def update(self, state: ContactState) -> messages.SceneUpdate:
+        """Everything at once, in the place of what was shown before."""
+        self._add_taxels()
+        self._add_contacts(state)
+        self._add_forces(state)
+        words = [
+            f'{name} {int(getattr(state, name))}'
+            for name in ('label', 'cell')
+            if getattr(state, name) >= 0
+        ]
+        text = self._messages.TextPrimitive(
+            pose=self._pose(self._last + np.array([0.0, 0.0, 2 * WORDS])), billboard=True,
+            font_size=WORDS, color=self._colour((0.5, 0.5, 0.5, 1.0)),
+            text=', '.join(words + ['slips'] * int(state.slip == 1)),
+        )  # fmt: skip
+        entity = self._messages.SceneEntity(
+            id='sensor', spheres=self._balls, arrows=self._arrows, **self._about,
+            texts=[text] if words or state.slip == 1 else [],
+        )  # fmt: skip
+        return self._messages.SceneUpdate(entities=[entity])
+
+    def _add_taxels(self) -> None:
+        layout, change, most = self._layout, self._change, self._most
+        apart = np.linalg.norm(layout.positions[:, None] - layout.positions[None], axis=-1)
+        pitch = float(apart[apart > 0].min()) if (apart > 0).any() else 4e-3
+        for place, shades in zip(layout.positions, shade(change, most).tolist(), strict=True):
+            self._ball(place, np.full(3, 0.175 * pitch), (*shades, 0.9))
+        if layout.unit == 'T' and len(layout.channels) == 3:
+            length = ARROW * max(float(np.ptp(layout.positions, axis=0).max()), 2 * pitch) / most
+            turned = in_sensor_axes(layout, change)
+            for i in np.flatnonzero(np.isfinite(turned).all(axis=1)):
+                self._arrow(layout.positions[i], turned[i] * length, GREY)
+
+    def _add_contacts(self, state: ContactState) -> None:
+        """Contacts of two sigmas, such that they can be seen."""
+        patches = [(one.position, one.position_cov) for one in state.contacts]
+        for place, cov in patches or [(state.position, state.position_cov)]:
+            if state.in_contact != 0 and np.isfinite(place[:2]).all():
+                sigma = np.nan_to_num(sigma_of(cov), nan=LEAST_SIGMA)
+                half_axes = 2 * np.clip(sigma, LEAST_SIGMA, MOST_SIGMA)
+                self._ball(np.nan_to_num(place), half_axes, CONTACT)
+
+    def _add_forces(self, state: ContactState) -> None:
+        """Forces of the contacts, or the whole one at the contact."""
+        patches = [(p.position, p.force) for p in state.contacts if np.isfinite(p.force).any()]
+        colour = SLIPPING if state.slip == 1 else FORCE
+        for place, force in patches or [(state.position, state.force)]:
+            along = METRES_PER_NEWTON * np.nan_to_num(force)
+            self._arrow(np.nan_to_num(place), along, colour)
+
+    def _ball(self, middle: Array, half_axes: Array, colour: Rgba) -> None:
+        pose, size = self._pose(middle), self._vector(2 * half_axes)
+        kind, self._last = self._messages.SpherePrimitive, middle
+        self._balls.append(kind(pose=pose, size=size, color=self._colour(colour)))
+
+    def _arrow(self, start: Array, along: Array, colour: Rgba) -> None:
+        length = float(np.linalg.norm(along))
         if length > 0:
-            arrows.append(
-                messages.ArrowPrimitive(
-                    pose=_pose(arrow.start, arrow.along / length),
-                    shaft_length=(1 - HEAD_PART) * length,
-                    shaft_diameter=SHAFT,
-                    head_length=HEAD_PART * length,
-                    head_diameter=HEAD,
-                    color=_colour(arrow.colour),
-                )
-            )
-    texts = [
-        messages.TextPrimitive(
-            pose=_pose(scene.balls[-1].middle + np.array([0.0, 0.0, 2 * WORDS])),
-            billboard=True, font_size=WORDS, color=_colour((0.5, 0.5, 0.5, 1.0)), text=scene.words,
-        )
-    ] if scene.words and scene.balls else []  # fmt: skip
-    entity = messages.SceneEntity(
-        timestamp=_stamp(stamp_ns), frame_id=frame_id, id='sensor', spheres=spheres,
-        arrows=arrows, texts=texts,
-    )  # fmt: skip
-    return messages.SceneUpdate(entities=[entity])
+            arrow = self._messages.ArrowPrimitive(
+                pose=self._pose(start, along / length), color=self._colour(colour),
+                shaft_length=(1 - HEAD_PART) * length, shaft_diameter=SHAFT,
+                head_length=HEAD_PART * length, head_diameter=HEAD,
+            )  # fmt: skip
+            self._arrows.append(arrow)
 
+    def _vector(self, values: Array) -> messages.Vector3:
+        x, y, z = values.tolist()
+        return self._messages.Vector3(x=x, y=y, z=z)
 
-def _stamp(stamp_ns: int) -> messages.Timestamp:
-    from foxglove import messages
+    def _colour(self, rgba: Rgba) -> messages.Color:
+        red, green, blue, alpha = rgba
+        return self._messages.Color(r=red, g=green, b=blue, a=alpha)
 
-    seconds, rest = divmod(stamp_ns, 1_000_000_000)
-    return messages.Timestamp(sec=seconds, nsec=rest)
-
-
-def _vector(values: Array) -> messages.Vector3:
-    from foxglove import messages
-
-    x, y, z = values.tolist()
-    return messages.Vector3(x=x, y=y, z=z)
-
-
-def _colour(rgba: Rgba) -> messages.Color:
-    from foxglove import messages
-
-    red, green, blue, alpha = rgba
-    return messages.Color(r=red, g=green, b=blue, a=alpha)
-
-
-def _pose(place: Array, along: Array | None = None) -> messages.Pose:
-    """A pose in the sensor frame; arrows are drawn along its x axis, here a unit vector."""
-    from foxglove import messages
-
-    turn = Rotation.identity()
-    if along is not None:
-        level = float(np.hypot(along[0], along[1]))
-        angles = [np.arctan2(along[1], along[0]), -np.arctan2(along[2], level)]
-        turn = Rotation.from_euler('ZY', angles)
-    x, y, z, w = turn.as_quat().tolist()
-    return messages.Pose(
-        position=_vector(place), orientation=messages.Quaternion(x=x, y=y, z=z, w=w)
-    )
+    def _pose(self, place: Array, along: Array | None = None) -> messages.Pose:
+        """A pose in the sensor frame; arrows are drawn along its x axis, here a unit vector."""
+        turn = Rotation.identity()
+        if along is not None:
+            level = float(np.hypot(along[0], along[1]))
+            angles = [np.arctan2(along[1], along[0]), -np.arctan2(along[2], level)]
+            turn = Rotation.from_euler('ZY', angles)
+        x, y, z, w = turn.as_quat().tolist()
+        orientation = self._messages.Quaternion(x=x, y=y, z=z, w=w)
+        return self._messages.Pose(position=self._vector(place), orientation=orientation)
 
 
 class GripMessage(Protocol):
@@ -265,7 +210,7 @@ def state_scalars(state: ContactState) -> Scalars:
         for axis, value in zip('xyz', getattr(state, name), strict=True):
             scalars[f'{name}_{axis}'] = _finite(value)
     for name, cov in (('force', state.force_cov), ('position', state.position_cov)):
-        for axis, value in zip('xyz', _sigma(cov), strict=True):
+        for axis, value in zip('xyz', sigma_of(cov), strict=True):
             scalars[f'{name}_{axis}_sigma'] = _finite(value)
     for name in ('yaw', 'slip_probability', 'cell_probability', 'label_probability'):
         scalars[name] = _finite(getattr(state, name))
@@ -361,11 +306,9 @@ class Viewer(Closing):
         """Show one frame of the sensor `name` ('' where there is but one)."""
         rest, most = self._seen.setdefault(name, Seen()).scale(frame, state)
         stamp_ns = frame.stamp_ns or 0
-        scene = scene_of(layout, frame, rest, state, most)
-        points = cloud(layout, frame.values - rest, most, stamp_ns)
-        self._log(f'{name}/taxels', points, stamp_ns, 'PointCloud')
-        shown = update(scene, layout.frame_id, stamp_ns)
-        self._log(f'{name}/scene', shown, stamp_ns, 'SceneUpdate')
+        scene = Scene(layout, frame.values - rest, most, stamp_ns)
+        self._log(f'{name}/taxels', scene.cloud(), stamp_ns, 'PointCloud')
+        self._log(f'{name}/scene', scene.update(state), stamp_ns, 'SceneUpdate')
         self._log(f'{name}/state', state_scalars(state), stamp_ns)
 
     def grip(self, name: str, grip: GripMessage, stamp_ns: int) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from reference import made_bags as make
-from tactile_ros.evaluation import fleet, recording_files
+from tactile_ros.evaluation import fleet, recording_files, replay
 from tactile_ros.evaluation.fleet import (
     Job,
     Outcome,
@@ -179,7 +179,9 @@ def bag(tmp_path_factory: pytest.TempPathFactory, pipeline: Pipeline) -> Path:
 
 def judged(path: Path, pipeline: Pipeline, **options: object) -> Dataset:
     clock = count(0, 1000)
-    (found,) = evaluate_bag(path, {'c': pipeline}, TRUTH, clock_ns=lambda: next(clock), **options)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(replay, 'perf_counter_ns', lambda: next(clock))
+        (found,) = evaluate_bag(path, {'c': pipeline}, TRUTH, **options)
     return found
 
 

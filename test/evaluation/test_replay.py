@@ -19,6 +19,7 @@ from reference.failing_frames import fail_at
 from tactile_ros.action import Enrol
 from tactile_ros.conditioning.baseline import tare_means, tare_runs
 from tactile_ros.enrolment import ClassChange
+from tactile_ros.evaluation import replay as replaying
 from tactile_ros.evaluation.fleet import evaluate_bag
 from tactile_ros.evaluation.recording_files import (
     LiveContacts,
@@ -117,10 +118,11 @@ def test_replay_leaves_out_and_counts_frames_that_the_node_did_not_see(
 
 
 def test_recording_with_tare_rows_runs_as_a_batch_and_is_timed(
-    spatial: Recording, fitted: Pipeline
+    spatial: Recording, fitted: Pipeline, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = count(0, 7_000)
-    replayed = replay(LoadedRecording('spatial', spatial), fitted, lambda: next(clock))
+    monkeypatch.setattr(replaying, 'perf_counter_ns', lambda: next(clock))
+    replayed = replay(LoadedRecording('spatial', spatial), fitted)
     batch = fitted.process_batch(spatial)
     for name in STATE_FIELDS:
         np.testing.assert_array_equal(getattr(replayed.states, name), getattr(batch, name), name)

@@ -27,7 +27,7 @@ NODES = """
     with Running(Graph((Process('sensor_node', {'port': '/nowhere'}),))) as running:
         running.wait_for_line('sensor_node', '/nowhere', 120.0)
         print(running.children['sensor_node'].pid, flush=True)
-        running.wait('sensor_node', 120.0)
+        running.children['sensor_node'].wait(120.0)
 """
 WORKERS = """
     import os, time
@@ -91,4 +91,4 @@ def test_who_waits_hears_what_the_others_said_and_many_signals_end_a_node_as_one
             running.children['sensor_node'].send_signal(signal.SIGINT)
             running.children['sensor_node'].send_signal(signal.SIGTERM)
             time.sleep(1e-4)  # the node needs a processor to end
-        assert running.wait('sensor_node', PATIENCE_S) == 0, running.lines
+        assert running.children['sensor_node'].wait(PATIENCE_S) == 0, running.lines

@@ -72,7 +72,7 @@ def bags(
     for one_process in (False, True):
         chosen = setting(folder, touches_file, calibration, one_process)
         with Running(graph_of(chosen)) as running:
-            assert running.wait('player', PATIENCE_S) == 0, running.lines
+            assert running.children['player'].wait(PATIENCE_S) == 0, running.lines
             codes = running.stop()
         assert set(codes.values()) == {0}, running.lines
         assert 'ERROR' not in str(running.lines)

@@ -8,9 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
+from scipy.spatial.transform import Rotation
 
+from reference.foxglove_messages import decoded
 from tactile_ros.evaluation.bag import all_types
-from tactile_ros.types import ContactState, Frame, Layout
+from tactile_ros.types import ContactState, Layout
 from tactile_ros.view.viewer import (
     COLD,
     FORCE,
@@ -21,7 +23,6 @@ from tactile_ros.view.viewer import (
     Scene,
     grip_scalars,
     json_schema,
-    scene_of,
     state_scalars,
 )
 
@@ -50,43 +51,60 @@ TOUCHED = state(
 )
 
 
-def scene(values: object, state: ContactState, layout: Layout = CHIPS) -> Scene:
-    """Scene of readings above a rest of 0."""
-    read = Frame(1, 0, np.asarray(values, float).reshape(layout.shape))
-    return scene_of(layout, read, np.zeros(layout.shape), state, MOST)
+def scene(values: object, state: ContactState, layout: Layout = CHIPS) -> SimpleNamespace:
+    """Scene of readings above a rest of 0, as a viewer receives it."""
+    pytest.importorskip('foxglove', reason='foxglove-sdk is not installed')
+    made = Scene(layout, np.asarray(values, float).reshape(layout.shape), MOST, 1).update(state)
+    (entity,) = decoded(made.get_schema(), [made.encode()])[0].entities
+    return entity
+
+
+def xyz(vector: SimpleNamespace) -> list[float]:
+    return [vector.x, vector.y, vector.z]
+
+
+def rgb(thing: SimpleNamespace) -> list[float]:
+    return [thing.color.r, thing.color.g, thing.color.b]
+
+
+def along(arrow: SimpleNamespace) -> np.ndarray:
+    """Vector of an arrow (m)."""
+    turn = arrow.pose.orientation
+    x_axis = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).apply([1.0, 0.0, 0.0])
+    return (arrow.shaft_length + arrow.head_length) * x_axis
 
 
 def test_taxels_are_warmer_the_more_they_feel_and_grey_unread() -> None:
     shown = scene([[MOST, 0, 0], [0, 0, 0]], state())
-    assert [ball.colour[:3] for ball in shown.balls] == [tuple(WARM), tuple(COLD)]
-    assert [ball.middle.tolist() for ball in shown.balls] == PLACES.tolist()
-    assert shown.words == ''
+    assert [rgb(ball) for ball in shown.spheres] == [list(WARM), list(COLD)]
+    assert [xyz(ball.pose.position) for ball in shown.spheres] == PLACES.tolist()
+    assert not shown.texts
     unread = scene([[np.nan, 0, 0], [0, 0, MOST]], state())
-    assert unread.balls[0].colour[:3] == GREY[:3]
+    assert rgb(unread.spheres[0]) == list(GREY[:3])
     (arrow,) = unread.arrows
-    assert arrow.start.tolist() == PLACES[1].tolist()
+    assert xyz(arrow.pose.position) == PLACES[1].tolist()
 
 
 def test_fields_are_arrows_in_the_axes_of_the_sensor() -> None:
     turned = Layout(PLACES, ('Bx', 'By', 'Bz'), 'T', rotations=TURN)
-    along = scene([[MOST, 0, 0], [0, 0, 0]], state(), turned).arrows[0].along
-    assert along[1] > 1e-3
-    assert np.allclose(along[[0, 2]], 0.0)
-    assert scene([0.5, 0.1], state(), Layout(PLACES, ('pressure',), '1')).arrows == []
+    field = along(scene([[MOST, 0, 0], [0, 0, 0]], state(), turned).arrows[0])
+    assert field[1] > 1e-3
+    assert np.allclose(field[[0, 2]], 0.0)
+    assert not scene([0.5, 0.1], state(), Layout(PLACES, ('pressure',), '1')).arrows
 
 
 def test_contacts_have_two_sigmas_and_forces_that_are_red_where_they_slip() -> None:
     shown = scene(np.zeros((2, 3)), TOUCHED)
-    ball, force = shown.balls[-1], shown.arrows[-1]
-    assert ball.middle.tolist() == [1e-3, 2e-3, 0.0]
-    assert ball.half_axes == pytest.approx([2e-3, 4e-3, 6e-4])
-    assert force.along == pytest.approx([0.0, 0.0, 2 * METRES_PER_NEWTON])
-    assert force.colour == FORCE
+    ball, force = shown.spheres[-1], shown.arrows[-1]
+    assert xyz(ball.pose.position) == [1e-3, 2e-3, 0.0]
+    assert xyz(ball.size) == pytest.approx([4e-3, 8e-3, 1.2e-3])
+    assert along(force) == pytest.approx([0.0, 0.0, 2 * METRES_PER_NEWTON])
+    assert rgb(force) == list(FORCE[:3])
     bare = state(position=[0.0, 0.0, 0.0], in_contact=np.int8(0), force=[0.0, 0.0, 0.0])
-    assert len(scene(np.zeros((2, 3)), bare).balls) == 2
+    assert len(scene(np.zeros((2, 3)), bare).spheres) == 2
     slips = scene(np.zeros((2, 3)), state(force=[0.0, 1.0, 1.0], slip=np.int8(1), label=3))
-    assert slips.arrows[-1].colour == SLIPPING
-    assert slips.words == 'label 3, slips'
+    assert rgb(slips.arrows[-1]) == list(SLIPPING[:3])
+    assert [text.text for text in slips.texts] == ['label 3, slips']
 
 
 def test_every_patch_has_its_ball_and_force() -> None:
@@ -98,8 +116,8 @@ def test_every_patch_has_its_ball_and_force() -> None:
         in_contact=np.int8(1),
     )  # fmt: skip
     shown = scene(np.zeros((2, 3)), touched)
-    assert len(shown.balls) == 4
-    lengths = [arrow.along[2] / METRES_PER_NEWTON for arrow in shown.arrows[-2:]]
+    assert len(shown.spheres) == 4
+    lengths = [along(arrow)[2] / METRES_PER_NEWTON for arrow in shown.arrows[-2:]]
     assert lengths == pytest.approx([1.0, 2.0])
 
 

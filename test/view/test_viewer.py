@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from reference.foxglove_messages import decoded
 from tactile_ros.cli.main import main
 from tactile_ros.evaluation.recording_files import save_recording
 from tactile_ros.sensors import load_sensor
@@ -52,17 +53,10 @@ def test_seen_scales_colours_by_the_largest_change() -> None:
     assert 1.9 < scales[2][1] < 2.0
 
 
-def decoded(found: Shown, topic: str) -> list[object]:
+def of_topic(found: Shown, topic: str) -> list[object]:
     """Messages of a topic by the schema that lies in the file."""
-    descriptor_pb2 = pytest.importorskip('google.protobuf.descriptor_pb2')
-    from google.protobuf import descriptor_pool, message_factory
-
     schema = next(schema for schema, channel, _ in found if channel.topic == topic)
-    pool = descriptor_pool.DescriptorPool()
-    for file in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
-        pool.Add(file)
-    kind = message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
-    return [kind.FromString(m.data) for _, channel, m in found if channel.topic == topic]
+    return decoded(schema, [m.data for _, channel, m in found if channel.topic == topic])
 
 
 def split(data: bytes) -> tuple[np.ndarray, np.ndarray]:
@@ -73,7 +67,7 @@ def split(data: bytes) -> tuple[np.ndarray, np.ndarray]:
 
 def test_scenes_and_clouds_of_a_file_are_whole(found: Shown) -> None:
     recording = load_sensor('reskin_board').recordings()['normal_1']
-    clouds = decoded(found, '/taxels')
+    clouds = of_topic(found, '/taxels')
     for cloud in clouds:
         names = [field.name for field in cloud.fields]
         shades = ['red', 'green', 'blue', 'alpha']
@@ -86,7 +80,7 @@ def test_scenes_and_clouds_of_a_file_are_whole(found: Shown) -> None:
         assert np.array_equal(table[:, :3], recording.layout.positions)
         assert np.allclose(np.linalg.norm(table[:, 3:6], axis=1), table[:, 6])
     assert any(split(cloud.data)[0][:, 6].any() for cloud in clouds)
-    for scene in decoded(found, '/scene'):
+    for scene in of_topic(found, '/scene'):
         (entity,) = scene.entities
         assert entity.frame_id == recording.layout.frame_id
         assert len(entity.spheres) == len(recording.layout.positions)

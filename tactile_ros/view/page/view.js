@@ -75,7 +75,7 @@ class Card {
     this.badge.className = `badge ${slips ? 'slip' : f.in_contact === 1 ? 'on' : ''}`;
     this.rate.textContent = `${f.rate.toFixed(0)} Hz`;
     this.lost.textContent = f.lost;
-    const named = this.layout.labels[f.label] ?? (f.label >= 0 ? `class ${f.label}` : f.cell >= 0 ? `cell ${f.cell}` : '–');
+    const named = f.label >= 0 ? `class ${f.label}` : f.cell >= 0 ? `cell ${f.cell}` : '–';
     this.label.textContent = f.probability === null || f.label < 0 ? named : `${named} (${Math.round(100 * f.probability)} %)`;
     const faults = guide ? f.faults.filter((one) => !/^(not calibrated|no baseline)/.test(one)) : f.faults;
     this.faults.textContent = faults.join('; ') || (f.valid || guide ? '' : 'not valid');
