@@ -18,19 +18,16 @@ import re
 import struct
 import zipfile
 import zlib
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.errors import CalibrationError
 from tactile_ros.files import write_atomically
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
 
 Arrays = dict[str, npt.NDArray[np.generic]]
 SCHEMA = 3

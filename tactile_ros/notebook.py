@@ -7,10 +7,10 @@ commands: a sensor, its pipeline and an evaluation are those of the package, hel
 
 from __future__ import annotations
 
+import os
 import warnings
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from tactile_ros.errors import RecordingError, TactileError
 from tactile_ros.evaluation import fleet, recording_files
@@ -19,12 +19,7 @@ from tactile_ros.evaluation.replay import replay, with_known_rests, with_tare_ro
 from tactile_ros.evaluation.report import Result, provenance
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors.registry import SensorSpec, fit_layout, load_sensor
-from tactile_ros.types import Recording
-
-if TYPE_CHECKING:
-    import os
-
-    from tactile_ros.types import Bools, ContactStates, Integers, SensorConfig
+from tactile_ros.types import Bools, ContactStates, Integers, Recording, SensorConfig
 
 RECORDING_MARK, CALIBRATION_MARK = b'recording_schema.npy', b'sensor.scalar.npy'  # in an .npz
 BAGS, FILES = ('.mcap', '.db3', '.zstd'), ('.npz', '.csv')

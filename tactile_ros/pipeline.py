@@ -8,9 +8,10 @@ frame, a stretch of frames and a whole recording go the same way and agree.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -63,10 +64,6 @@ from tactile_ros.types.recording import (
     resting_rows,
     touched_rows,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
 ERROR = np.uint8(TaxelStatus.ERROR)
 BAD_TAXELS, NO_BASELINE = int(FrameStatus.BAD_TAXELS), int(FrameStatus.NO_BASELINE)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import resource
@@ -10,11 +11,12 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import fields, replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TextIO
 
 import numpy as np
 
@@ -22,16 +24,9 @@ from tactile_ros.errors import RecordingError, TactileError, plain
 from tactile_ros.evaluation.figures import check_png
 from tactile_ros.evaluation.recording_files import LoadedRecording, load
 from tactile_ros.files import read_yaml, refuse_special
-from tactile_ros.types import Closing, Table
-
-if TYPE_CHECKING:
-    import argparse
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-    from typing import TextIO
-
-    from tactile_ros.sensors import SensorSpec
-    from tactile_ros.types import Layout, SensorConfig
-    from tactile_ros.types.contracts import Cell
+from tactile_ros.sensors import SensorSpec
+from tactile_ros.types import Closing, Layout, SensorConfig, Table
+from tactile_ros.types.contracts import Cell
 
 PATIENCE_S, STEP_S = 2.0, 0.5  # without a word; between two
 SHARE, BESIDE, LONGEST_S = 8, 10, 60  # work over the part of an estimate; its niceness, its time

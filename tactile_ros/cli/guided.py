@@ -7,6 +7,7 @@ goes on after a crash.
 
 from __future__ import annotations
 
+import argparse
 import csv
 import json
 import re
@@ -14,10 +15,11 @@ import shlex
 import sys
 import threading
 import time
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,16 +48,10 @@ from tactile_ros.evaluation.guided import (
 from tactile_ros.evaluation.recording_files import LoadedRecording, load_recording, save_recording
 from tactile_ros.evaluation.report import Result, for_drawing, provenance, write_report
 from tactile_ros.files import temporary_folder, write_atomically
-from tactile_ros.types import Closing
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.sensors import SensorSpec
+from tactile_ros.types import Array, Closing, Frame, Layout, Recording, SensorConfig
 from tactile_ros.view.page_server import PageServer
-
-if TYPE_CHECKING:
-    import argparse
-    from collections.abc import Callable, Sequence
-
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.sensors import SensorSpec
-    from tactile_ros.types import Array, Frame, Layout, Recording, SensorConfig
 
 G = 9.80665  # m/s2
 UNKNOWN = np.full(3, np.nan)

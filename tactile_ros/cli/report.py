@@ -15,6 +15,7 @@ example:
 
 from __future__ import annotations
 
+import argparse
 import shlex
 import sys
 from pathlib import Path
@@ -32,8 +33,6 @@ from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.report import PAGE_MARK
 
 if TYPE_CHECKING:
-    import argparse
-
     from benchmarks.harness.rows import BenchFile
 
 RESULTS = Path('benchmarks') / 'results'

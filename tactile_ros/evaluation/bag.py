@@ -17,12 +17,14 @@ import sys
 import zlib
 from array import array
 from collections import Counter
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from importlib import import_module
 from pathlib import Path
 from threading import RLock
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 import numpy as np
@@ -32,19 +34,14 @@ from tactile_ros import __version__
 from tactile_ros.conditioning.baseline import tare_means, tare_runs
 from tactile_ros.errors import MissingPackageError, RecordingError
 from tactile_ros.messages import fill_baseline, fill_contacts, fill_frame, fill_header, fill_layout
-from tactile_ros.types import STATE_FIELDS, Closing, ContactState, Frame
+from tactile_ros.types import STATE_FIELDS, Closing, ContactState, Frame, Recording
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from types import ModuleType
-
     from mcap.records import Channel, Chunk, Schema
     from rosbags.typesys.store import Typestore
 
-    from tactile_ros.types import Recording
-
-    Taker = Callable[[int, bytes], None]
-    Takers = Callable[[str, str], Taker | None]
+Taker = Callable[[int, bytes], None]
+Takers = Callable[[str, str], Taker | None]
 
 PACKAGE, GEOMETRY = 'tactile_ros', 'geometry_msgs/msg'
 BASE, NAME, SEQUENCE = 1, 2, 4  # kinds of a field in rosbags

@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from tactile_ros.evaluation.bag import (
     PACKAGE,
     BagContent,
     BagWriter,
+    Taker,
     all_types,
     read_bag,
     same_fields,
@@ -26,12 +28,7 @@ from tactile_ros.evaluation.bag import (
 from tactile_ros.evaluation.recording_files import PIECE, Bag
 from tactile_ros.evaluation.truth import FrameTimes
 from tactile_ros.files import temporary_folder
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from tactile_ros.evaluation.bag import Taker
-    from tactile_ros.types import Array, Integers, Recording
+from tactile_ros.types import Array, Integers, Recording
 
 NS = 1e-9
 JUMP, DRIFT = 2.5, 0.1  # periods that a stamp may be off; and per lost frame

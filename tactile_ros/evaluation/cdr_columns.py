@@ -12,19 +12,15 @@ from __future__ import annotations
 
 import re
 import struct
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from collections.abc import Callable, Container, Sequence
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.evaluation.bag import BASE, NAME, SEQUENCE, all_types
 from tactile_ros.messages import FIELD_NAMES, TAXELS, VECTORS, WRENCH_BLOCKS
-from tactile_ros.types import STATE_FIELDS, Columns, field_shape
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Container, Sequence
-
-    from tactile_ros.types import Array, Bytes, Integers
+from tactile_ros.types import STATE_FIELDS, Array, Bytes, Columns, Integers, field_shape
 
 FRAME = 'tactile_ros/msg/TactileFrame'
 CONTACTS = 'tactile_ros/msg/TactileContacts'

@@ -8,8 +8,8 @@ Statistician 69, 2015); the p-value is of a permutation test (sign flips), two-s
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import ndtr, stdtrit
@@ -17,15 +17,11 @@ from scipy.special import ndtr, stdtrit
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.figures import NAMES, Figure, Plot, rounded, span_of
 from tactile_ros.evaluation.metrics import class_errors, place_groups, target_errors
+from tactile_ros.evaluation.recording_files import LoadedRecording
 from tactile_ros.evaluation.replay import gathered, replay, with_known_rests, with_tare_rows
+from tactile_ros.pipeline import Pipeline
 from tactile_ros.types import STATE_FIELDS, Array, ContactStates, Integers, Recording, groups_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from tactile_ros.evaluation.recording_files import LoadedRecording
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types.contracts import Cell
+from tactile_ros.types.contracts import Cell
 
 RESAMPLES = 9999
 MOST_EXACT = 13  # groups, of which every swap is tried

@@ -11,27 +11,21 @@ import csv
 import json
 import re
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.evaluation.bag import load_package
-from tactile_ros.evaluation.recording_files import PIECE, Bag
+from tactile_ros.evaluation.bag import Taker, load_package
+from tactile_ros.evaluation.recording_files import PIECE, Bag, LoadedRecording
 from tactile_ros.evaluation.replay import Follower
 from tactile_ros.files import temporary_folder, write_atomically
-from tactile_ros.types import STATE_FIELDS, Columns
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from tactile_ros.evaluation.bag import Taker
-    from tactile_ros.evaluation.recording_files import LoadedRecording
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import Array, Layout
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.types import STATE_FIELDS, Array, Columns, Layout
 
 Arrow: TypeAlias = Any  # objects of pyarrow, which carry no types
 Column: TypeAlias = npt.NDArray[np.generic]

@@ -11,11 +11,12 @@ import base64
 import math
 import re
 import textwrap
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,20 +24,18 @@ from scipy.special import ndtri
 
 from tactile_ros.conditioning.loading_direction import dead_band, loading_signs
 from tactile_ros.errors import MissingPackageError, TactileError
-from tactile_ros.evaluation.metrics import LEAST_TOUCH, ONE_SIGMA, TOLERANCE
+from tactile_ros.evaluation.metrics import (
+    LEAST_TOUCH,
+    ONE_SIGMA,
+    TOLERANCE,
+    ClassErrors,
+    ContactErrors,
+    Coverage,
+    Spread,
+    TargetErrors,
+)
 from tactile_ros.files import write_atomically
 from tactile_ros.types import Array, Bools, Integers
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from tactile_ros.evaluation.metrics import (
-        ClassErrors,
-        ContactErrors,
-        Coverage,
-        Spread,
-        TargetErrors,
-    )
 
 STYLE = Path(__file__).with_name('drawing.css').read_text('utf-8').split('*/\n', 1)[1]
 LEFT, RIGHT, TOP, BOTTOM = 46.0, 14.0, 30.0, 42.0  # pixels around the axes

@@ -12,29 +12,25 @@ import io
 import json
 import tempfile
 from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
-from typing import IO, TYPE_CHECKING, Any, TypeAlias
+from pathlib import Path
+from typing import IO, Any, TypeAlias
 
 import numpy as np
 
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import export
+from tactile_ros.evaluation.bag import Taker
 from tactile_ros.evaluation.cdr_columns import read_columns, stamps_of
+from tactile_ros.evaluation.export import Arrow, Column
 from tactile_ros.evaluation.recording_files import MessageBuffer
 from tactile_ros.files import temporary_folder, write_atomically
 from tactile_ros.hands.drivers import JOINT_STATE, NUMBERS, TRAJECTORY
-from tactile_ros.types import Columns
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from pathlib import Path
-
-    from tactile_ros.evaluation.bag import Taker
-    from tactile_ros.evaluation.export import Arrow, Column
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import Integers, Layout
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.types import Columns, Integers, Layout
 
 Feature: TypeAlias = dict[str, Any]  # as json has it: dtype, shape, names
 Statistics: TypeAlias = dict[str, Any]  # lists, nested for images

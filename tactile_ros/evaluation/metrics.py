@@ -4,20 +4,15 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import bdtr
 
-from tactile_ros.types import Array, Bools, Integers, groups_of
+from tactile_ros.types import Array, Bools, Columns, ContactStates, Integers, Recording, groups_of
 from tactile_ros.types.recording import calm_rows, touched_rows
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from tactile_ros.types import Columns, ContactStates, Recording
 
 ONE_SIGMA = 0.6826894921370859
 WITHIN = {1: ONE_SIGMA, 2: 0.9544997361036416}

@@ -13,14 +13,16 @@ from __future__ import annotations
 import csv
 import io
 import math
+import os
 import re
 from bisect import bisect_right
 from collections import Counter
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -28,7 +30,7 @@ from tactile_ros import calibration
 from tactile_ros.enrolment import ClassChange
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import cdr_columns
-from tactile_ros.evaluation.bag import PACKAGE, BagContent, all_types, read_bag, same_fields
+from tactile_ros.evaluation.bag import PACKAGE, BagContent, Taker, all_types, read_bag, same_fields
 from tactile_ros.evaluation.truth import (
     DEFAULT_TRUTH,
     TRUTH_TYPES,
@@ -44,20 +46,16 @@ from tactile_ros.messages import read_layout
 from tactile_ros.types import (
     STATE_FIELDS,
     TRUTH_KEYS,
+    Array,
+    Columns,
     ContactStates,
     Frame,
+    Integers,
     Layout,
     Recording,
     TaxelStatus,
     field_shape,
 )
-
-if TYPE_CHECKING:
-    import os
-    from collections.abc import Callable, Container, Iterable, Iterator, Sequence
-
-    from tactile_ros.evaluation.bag import Taker
-    from tactile_ros.types import Array, Columns, Integers
 
 SCHEMA = 1
 MOST_MEMBERS = 64

@@ -7,6 +7,7 @@ were learned and forgotten, memory that ends with a stream. A bag may go through
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from copy import copy, deepcopy
 from dataclasses import replace
@@ -14,7 +15,6 @@ from functools import cached_property
 from itertools import pairwise
 from math import nan
 from time import perf_counter_ns
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,22 +23,21 @@ from tactile_ros.conditioning.faults import DAMAGED, SAYS_NOTHING, UNUSABLE, tax
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.cdr_columns import stack, widened
 from tactile_ros.evaluation.metrics import Agreement
+from tactile_ros.evaluation.recording_files import LoadedRecording
+from tactile_ros.pipeline import Pipeline
 from tactile_ros.types import (
     STATE_FIELDS,
+    Array,
+    Bools,
+    Columns,
     ContactState,
     ContactStates,
     Frame,
     FrameStatus,
+    Integers,
     Recording,
 )
 from tactile_ros.types.recording import FIRM
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from tactile_ros.evaluation.recording_files import LoadedRecording
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import Array, Bools, Columns, Integers
 
 NOT_IN_MESSAGES = ('object_pose', 'object_pose_cov')
 TIMED = 200  # frames that are processed one by one for their time

@@ -12,6 +12,7 @@ import platform
 import sys
 import textwrap
 from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from importlib import metadata
@@ -24,20 +25,15 @@ import numpy as np
 from tactile_ros import __version__
 from tactile_ros.evaluation import figures, metrics
 from tactile_ros.evaluation.bag import load_package
-from tactile_ros.evaluation.compare import COLUMNS, NOTES, paired_groups, row_of
+from tactile_ros.evaluation.compare import COLUMNS, NOTES, Comparison, paired_groups, row_of
 from tactile_ros.evaluation.figures import MM, Drawing, Figure, quantity, rounded
+from tactile_ros.evaluation.metrics import Agreement
 from tactile_ros.files import write_atomically
-from tactile_ros.types import Array, Table
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.types import Array, Columns, ContactStates, Recording, Table
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-
     from pandas import DataFrame
-
-    from tactile_ros.evaluation.compare import Comparison
-    from tactile_ros.evaluation.metrics import Agreement
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import Columns, ContactStates, Recording
 
 Cell = str | float | int | None
 LOW_IS_BETTER = ('mean', 'p50', 'p95', 'RMSE', 'us/frame')

@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import astuple, dataclass
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -14,12 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import cdr_columns
-from tactile_ros.types import TRUTH_KEYS, Array, Integers, admit_name
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Container, Iterable, Sequence
-
-    from tactile_ros.types import Bools, Columns
+from tactile_ros.types import TRUTH_KEYS, Array, Bools, Columns, Integers, admit_name
 
 DEFAULT_TRUTH = ('truth/contacts', 'truth/object_pose')
 # of the delay between the clocks of frames and truth

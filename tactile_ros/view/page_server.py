@@ -11,26 +11,21 @@ import base64
 import json
 import threading
 import time
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import TYPE_CHECKING
 from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 
 from tactile_ros.errors import TactileError
-from tactile_ros.types import Closing, FrameStatus, TaxelStatus
+from tactile_ros.types import Array, Closing, ContactState, Frame, FrameStatus, Layout, TaxelStatus
 from tactile_ros.view.viewer import HOST, GripMessage, Seen, grip_scalars, in_sensor_axes, sigma_of
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from tactile_ros.types import Array, ContactState, Frame, Layout
-
-    Json = dict[str, object]
+Json = dict[str, object]
 
 FOLDER = Path(__file__).with_name('page')
 FILES = {

@@ -6,22 +6,19 @@ Foxglove and its free sibling Lichtblick connect to the server; nothing is drawn
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tactile_ros.errors import MissingPackageError, TactileError
-from tactile_ros.types import Array, Closing
+from tactile_ros.types import Array, Closing, ContactState, Frame, Layout
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-    from pathlib import Path
-
     from foxglove import messages
-
-    from tactile_ros.types import ContactState, Frame, Layout
 
 Rgba = tuple[float, float, float, float]
 Scalars = dict[str, 'float | int | str | None']
