@@ -17,22 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactile_ros import calibration
-from tactile_ros.conditioning.baseline import (
-    PERIOD_NS,
-    Baselines,
-    BaselineTracker,
-    Rest,
-    Stream,
-    stream_baselines,
-)
-from tactile_ros.conditioning.faults import (
-    dead_throughout,
-    frame_faults,
-    set_aside,
-    taxel_faults,
-    usable_rows,
-    without_faults,
-)
+from tactile_ros.conditioning import baseline, faults
 from tactile_ros.errors import CalibrationError
 from tactile_ros.types import (
     STATE_FIELDS,
@@ -126,18 +111,18 @@ class Pipeline:
         """Forget the stream's state; the baseline of the last tare or fit stays."""
         self.stream = self._new_stream()
 
-    def _new_stream(self) -> Stream:
-        return Stream(self._tracker(), self.estimation.start())
+    def _new_stream(self) -> baseline.Stream:
+        return baseline.Stream(self._tracker(), self.estimation.start())
 
-    def _unknown_rest(self) -> Rest:
+    def _unknown_rest(self) -> baseline.Rest:
         uses_temperature = self.estimation.uses_temperature
-        return Rest.unknown(self.layout.shape, self.config.noise, uses_temperature)
+        return baseline.Rest.unknown(self.layout.shape, self.config.noise, uses_temperature)
 
-    def _tracker(self) -> BaselineTracker:
+    def _tracker(self) -> baseline.BaselineTracker:
         rest, frames = self.rest_, self.tare_frames
         follows = self.config.track_baseline and rest.tared
         scale = rest.scale if follows else None
-        return BaselineTracker(rest.level, scale, 1 / frames if frames else 0.0)
+        return baseline.BaselineTracker(rest.level, scale, 1 / frames if frames else 0.0)
 
     def tare(self, frames: Sequence[Frame]) -> None:
         """Replace the baseline by the mean of resting frames; an error leaves it as it was.
@@ -221,13 +206,13 @@ class Pipeline:
         self, values: Array, status: Bytes | None, dead: Bools | None
     ) -> tuple[Array, Bytes]:
         """Readings (s, t, c), NaN where they must not be used, and bits (s, t) that say why."""
-        bits = taxel_faults(values, status, self.layout)
-        usable = without_faults(values, bits)
+        bits = faults.taxel_faults(values, status, self.layout)
+        usable = faults.without_faults(values, bits)
         wrong = self.estimation.implausible_taxels(usable)
         if wrong is not None and np.count_nonzero(wrong):
             bits = np.asarray(bits | wrong * ERROR, np.uint8)
             usable = np.where(wrong[..., None], np.nan, usable)
-        return set_aside(usable, bits, dead)
+        return faults.set_aside(usable, bits, dead)
 
     def _frame_readings(self, frame: Frame) -> tuple[Array, Bytes, Array | None]:
         """Readings, bits and chip temperatures of a frame, as a batch of one."""
@@ -260,7 +245,7 @@ class Pipeline:
     def _condition_rows(self, recording: Recording, usable: Array, bits: Bytes) -> Signals:
         """Conditioned frames of a recording."""
         chips, rest = recording.temperature_c, self.rest_
-        followed = stream_baselines(
+        followed = baseline.stream_baselines(
             recording, rest.with_temperature(usable, chips), self._tracker(), rest.dead
         )
         signals = self._condition(usable, bits, chips, recording.stamp_ns, followed)
@@ -272,7 +257,7 @@ class Pipeline:
         bits: Bytes,
         chips: Array | None,
         stamp_ns: Integers | None,
-        followed: Baselines,
+        followed: baseline.Baselines,
     ) -> Signals:
         """Frames less their baseline, with what the readings say about contact."""
         rest = self.rest_
@@ -281,7 +266,7 @@ class Pipeline:
         delta = usable - base if rest.tared else usable
         if reference_c is not None and rest.tared:
             delta = delta - self.estimation.thermal_drift(base, reference_c, chips)
-        good, felt = usable_rows(bits), delta
+        good, felt = faults.usable_rows(bits), delta
         some = self.estimation.estimable_rows(bits) if np.count_nonzero(bits) else None
         if some is not None:
             good, felt = some, np.where(np.isnan(delta) & np.isfinite(base), 0.0, delta)
@@ -297,7 +282,7 @@ class Pipeline:
         self,
         signals: Signals,
         bits: Bytes,
-        stream: Stream,
+        stream: baseline.Stream,
         strict: bool = False,
         fails: bool = False,
     ) -> Columns:
@@ -324,7 +309,7 @@ class Pipeline:
         return known
 
     def _answers(
-        self, signals: Signals, stream: Stream, strict: bool, fails: bool
+        self, signals: Signals, stream: baseline.Stream, strict: bool, fails: bool
     ) -> tuple[Columns, Bools]:
         """Answers of the estimation, and the rows (s,) at which it raised.
 
@@ -381,7 +366,7 @@ class Pipeline:
         if missing:
             flags |= missing
         if np.count_nonzero(bits):
-            flags |= frame_faults(bits)
+            flags |= faults.frame_faults(bits)
         # good readings without the baseline that they need say nothing: their change is NaN
         usable, unknown = signals.good, np.isnan(signals.delta)
         if 'valid' in known:
@@ -405,8 +390,8 @@ class Pipeline:
         self.check_layout(*recordings)
         joined = join(recordings)
         usable, bits = self._readings(joined.values, joined.status, None)
-        dead = dead_throughout(bits)
-        usable, bits = set_aside(usable, bits, dead)
+        dead = faults.dead_throughout(bits)
+        usable, bits = faults.set_aside(usable, bits, dead)
         self.estimation.begin_fit()
         self.rest_ = self._unknown_rest().learn(
             usable, resting_rows(joined), joined.stamp_ns, joined.restarts,
@@ -422,7 +407,7 @@ class Pipeline:
         signals = self._whole_rows(joined, usable, bits)
         self.estimation.fit(signals, joined.truth, groups_of(joined))
         self.left_out_ = {} if dead is None else {'taxels faulty in every row': float(dead.sum())}
-        self.left_out_ |= self._unused(recordings, joined, usable_rows(bits), signals.good)
+        self.left_out_ |= self._unused(recordings, joined, faults.usable_rows(bits), signals.good)
         self.reference_ = self._references(usable, signals)
         self.warm_up()
         return self
@@ -548,7 +533,7 @@ class Pipeline:
             if found != sensor:
                 msg = f'calibration {path} must be of {sensor}; it is of {str(found)[:60]!r}'
                 raise CalibrationError(msg)
-            allowed = {'Layout': Layout, 'Rest': Rest, **classes}
+            allowed = {'Layout': Layout, 'Rest': baseline.Rest, **classes}
             parts = {name: calibration.restore(arrays, name, allowed) for name in PARTS}
             _refuse_misfit(f'calibration {path}', parts, classes)
         except (ValueError, TypeError, OverflowError, AttributeError, LookupError) as error:
@@ -588,7 +573,9 @@ class Pipeline:
         if values is None:  # a chip that reads 0 would be dead
             values = np.nan_to_num(self.rest_.baseline + touch, nan=SAME)
         # a baseline that only a tare gives is tracked over more than a block
-        stamps = np.arange(REFERENCES) * (PERIOD_NS // 10 if self.reference_ is None else 1)
+        stamps = np.arange(REFERENCES) * (
+            baseline.PERIOD_NS // 10 if self.reference_ is None else 1
+        )
         warm = np.full(values.shape[:2], WARM_C)
         answers: list[Columns] = []
         for tare, stamp_ns, temperature_c in (
@@ -628,7 +615,7 @@ def _refuse_misfit(name: str, parts: Mapping[str, object], classes: Mapping[str,
     """Refuse parts of other kinds or shapes than a pipeline's."""
     layout, rest, counts = parts['layout'], parts['rest_'], parts['left_out_']
     fitted = all(type(parts[key]) in classes.values() for key in ('config', 'estimation'))
-    if not (isinstance(layout, Layout) and isinstance(rest, Rest) and fitted):
+    if not (isinstance(layout, Layout) and isinstance(rest, baseline.Rest) and fitted):
         msg = f'{name} has no layout, rest level or estimators; calibrate again'
         raise CalibrationError(msg)
     if not (isinstance(counts, dict) and all(isinstance(n, float) for n in counts.values())):

@@ -19,18 +19,7 @@ import time
 from pathlib import Path
 
 from tactile_ros.calibration import MARK
-from tactile_ros.cli import guided
-from tactile_ros.cli.console import (
-    SHARE,
-    add_overwrite,
-    find,
-    note,
-    note_if_busy,
-    read_config,
-    refuse_unwritable,
-    show,
-    working,
-)
+from tactile_ros.cli import console, guided
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.replay import with_known_rests, with_tare_rows
 from tactile_ros.pipeline import Pipeline
@@ -74,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('sensor', nargs='?', help='key of the sensor, see `tactile list`')
     parser.add_argument('recordings', nargs='*', help='bags, .npz, .csv, or shipped names')
     parser.add_argument('-o', '--output', type=Path, required=True, help='calibration file (.npz)')
-    add_overwrite(parser)
+    console.add_overwrite(parser)
     parser.add_argument('--config', type=Path, help='yaml with fields of the sensor config')
     parser.add_argument('--estimator', help='one estimator instead of the best')
     parser.add_argument(
@@ -91,22 +80,22 @@ def run(options: argparse.Namespace) -> int:
     if key is None or bool(options.recordings) == options.live:
         raise ValueError('calibrate needs a sensor and recordings, or --live --sensor KEY alone')
     spec = load_sensor(key)
-    config = read_config(spec, options.config)
-    refuse_unwritable(options.output, MARK, overwrite=options.overwrite)
+    config = console.read_config(spec, options.config)
+    console.refuse_unwritable(options.output, MARK, overwrite=options.overwrite)
     if options.live:
         print_fit(guided.run(options, spec, config), options)
         return 0
     loaded: list[Recording] = []
     for name in options.recordings:
-        with working(f'reading {name}'):
-            found, problems = find(name, spec, spec.layout(config), options.truth)
+        with console.working(f'reading {name}'):
+            found, problems = console.find(name, spec, spec.layout(config), options.truth)
         for one in found:
             recording, problem = with_tare_rows(one)
             loaded.append(recording)
             where = f'{one.name}: ' if len(found) > 1 else ''
             problems += [where + problem] * bool(problem)
         aside = sys.stderr if options.json else sys.stdout
-        note((f'{name}: {problem}' for problem in problems), aside)
+        console.note((f'{name}: {problem}' for problem in problems), aside)
     if not any(recording.truth for recording in loaded):
         raise RecordingError(f'{", ".join(options.recordings)} hold no truth to calibrate with')
     began = time.perf_counter()
@@ -114,10 +103,10 @@ def run(options: argparse.Namespace) -> int:
     known = with_known_rests(loaded)
 
     def part() -> None:
-        some = [one.select(slice(0, -(-len(one) // SHARE))) for one in known]
+        some = [one.select(slice(0, -(-len(one) // console.SHARE))) for one in known]
         spec.pipeline(pipeline.config, options.estimator).fit(*some)
 
-    with working(f'fitting {spec.key}', part=part):
+    with console.working(f'fitting {spec.key}', part=part):
         pipeline.fit(*known)
     if not pipeline.estimators:
         names = sorted({name for recording in loaded for name in recording.truth})
@@ -130,7 +119,7 @@ def run(options: argparse.Namespace) -> int:
 
 def print_fit(pipeline: Pipeline, options: argparse.Namespace, seconds: float = 0.0) -> None:
     """Print errors on held-out groups, what else a fit found, and how long it took (s)."""
-    show(COLUMNS, report_rows(pipeline), as_json=options.json)
+    console.show(COLUMNS, report_rows(pipeline), as_json=options.json)
     for sentence in filter(None, (left_out(pipeline), '' if pipeline.rest_.tared else UNTARED)):
         print(sentence, file=sys.stderr)
     for sentence in (*slip_sentence(pipeline), *sentences(pipeline.report)):
@@ -139,7 +128,7 @@ def print_fit(pipeline: Pipeline, options: argparse.Namespace, seconds: float = 
         took = f'fitted in {seconds:.1f} s; ' if seconds else ''
         print(f'{took}metres and newton; written to {options.output}')
         print(f'SHA-256 {pipeline.digest}')
-        note_if_busy()
+        console.note_if_busy()
 
 
 def left_out(pipeline: Pipeline) -> str:

@@ -23,16 +23,7 @@ from pathlib import Path
 
 from tactile_ros.cli.console import add_overwrite, find, note, refuse_unwritable, show, working
 from tactile_ros.errors import plain
-from tactile_ros.evaluation.compare import (
-    COLUMNS,
-    NOTES,
-    Competitor,
-    compare,
-    held_out,
-    judge,
-    live,
-    row_of,
-)
+from tactile_ros.evaluation import compare
 from tactile_ros.evaluation.fleet import open_calibration
 from tactile_ros.evaluation.recording_files import LoadedRecording, load
 from tactile_ros.evaluation.report import PAGE_MARK, write_comparison
@@ -73,17 +64,17 @@ def run(options: argparse.Namespace) -> int:
         refuse_unwritable(output, MARKS[output.suffix], overwrite=options.overwrite)
     first, *others = judged(options)
     with working('comparing'):
-        found = [one for other in others for one in compare(first, other, options.seed)]
+        found = [one for other in others for one in compare.compare(first, other, options.seed)]
     limits = [sentence for one in found for sentence in one.sentences]
-    rows = [row_of(one) for one in found]
-    show(COLUMNS, rows, as_json=options.json, notes=(*limits, *NOTES))
+    rows = [compare.row_of(one) for one in found]
+    show(compare.COLUMNS, rows, as_json=options.json, notes=(*limits, *compare.NOTES))
     if output:
         command = shlex.join(['tactile', 'compare', *map(str, sys.argv[2:])])
         print(plain(f'written: {write_comparison(output, found, command)}'), file=sys.stderr)
     return 0
 
 
-def judged(options: argparse.Namespace) -> list[Competitor]:
+def judged(options: argparse.Namespace) -> list[compare.Competitor]:
     """Estimates of every competitor, each file read once."""
     names, truth = options.competitors, tuple(options.truth) or DEFAULT_TRUTH
     pipelines = {name: open_calibration(name) for name in names if name.endswith('.npz')}
@@ -111,11 +102,11 @@ def judged(options: argparse.Namespace) -> list[Competitor]:
     for name in names:
         with working(f'judging {name}'):
             if name in bags:
-                found.append(live(name, bags[name]))
+                found.append(compare.live(name, bags[name]))
             elif name in pipelines:
-                found.append(judge(name, pipelines[name], loaded))
+                found.append(compare.judge(name, pipelines[name], loaded))
             elif name in spec.estimator_names:
-                found.append(held_out(name, partial(spec.pipeline, config, name), loaded))
+                found.append(compare.held_out(name, partial(spec.pipeline, config, name), loaded))
             else:
                 known = ', '.join(spec.estimator_names)
                 raise ValueError(f'{name} is no file and no estimator of {spec.key} ({known})')

@@ -33,17 +33,10 @@ from pathlib import Path
 
 import numpy as np
 
+from tactile_ros import errors
 from tactile_ros.cli.console import as_objects, note, show, working
 from tactile_ros.devices.mlx90393 import MUX_ADDRESSES, Command
 from tactile_ros.devices.transport import I2cBus, list_buses, list_ports
-from tactile_ros.errors import (
-    DeviceError,
-    DeviceTimeout,
-    MissingPackageError,
-    NotAcknowledged,
-    TactileError,
-    plain,
-)
 from tactile_ros.evaluation.bag_check import BagCheck, FrameCheck, check_bag, repair_bag
 from tactile_ros.files import read_yaml
 from tactile_ros.sensors import load_sensor
@@ -163,7 +156,7 @@ def show_findings(found: Sequence[Finding], title: str = '') -> None:
     show(('what', 'state', 'found'), [(f.where, f.state, f.what) for f in found], title)
     for finding in found:
         if finding.remedy:
-            print(plain(f'{finding.where}: {finding.remedy}'))
+            print(errors.plain(f'{finding.where}: {finding.remedy}'))
 
 
 def run_bag(options: argparse.Namespace) -> int:
@@ -171,7 +164,9 @@ def run_bag(options: argparse.Namespace) -> int:
     if options.sensor is not None:
         raise ValueError('--sensor must stand without a bag; received both')
     if options.repair is not None and os.path.lexists(options.repair):
-        raise TactileError(f'--repair must name a new folder; {options.repair} exists already')
+        raise errors.TactileError(
+            f'--repair must name a new folder; {options.repair} exists already'
+        )
     with working(f'reading {options.bag}'):
         check = check_bag(options.bag)
     found = bag_findings(check)
@@ -191,7 +186,7 @@ def run_bag(options: argparse.Namespace) -> int:
             saved = repair_bag(options.bag, options.repair)
         note(f'left out: {sentence}' for sentence in saved.problems)
         total = f'{saved.counts.total()} messages of {len(saved.counts)} topics'
-        print(plain(f'bag: {options.repair}, {total}'), file=sys.stderr)
+        print(errors.plain(f'bag: {options.repair}, {total}'), file=sys.stderr)
     return int(any(finding.state == BAD for finding in found))
 
 
@@ -240,7 +235,7 @@ def machine(probed: bool) -> list[Finding]:
     """Ports and buses; who answers on the buses where that was asked for."""
     try:
         ports = [name for name in list_ports() if not name.startswith('/dev/ttyS')]
-    except MissingPackageError as err:
+    except errors.MissingPackageError as err:
         return [Finding('serial ports', BAD, 'cannot be listed', str(err))]
     names = list_buses()
     found = serial_ports(ports) + buses(names)
@@ -330,7 +325,7 @@ def probe(bus: I2cBus) -> Finding:
         bus.open()
         chips = [a for a in CHIP_ADDRESSES if _answers(bus, a, bytes((Command.NOP,)))]
         switches = [a for a in MUX_ADDRESSES if _answers(bus, a, b'')]
-    except DeviceError as err:
+    except errors.DeviceError as err:
         return Finding(bus.path, BAD, 'cannot be asked', str(err))
     finally:
         bus.close()
@@ -344,7 +339,7 @@ def probe(bus: I2cBus) -> Finding:
 def _answers(bus: I2cBus, address: int, data: bytes) -> bool:
     try:
         bus.transfer(address, data, 1)
-    except NotAcknowledged:
+    except errors.NotAcknowledged:
         return False
     return True
 
@@ -368,7 +363,7 @@ def examine(options: argparse.Namespace) -> list[Finding]:
         try:
             with working(f'reading {spec.key}'):
                 check = watch(device, options.seconds)
-        except TactileError as err:
+        except errors.TactileError as err:
             return [Finding(spec.key, BAD, 'cannot be read', str(err))]
     kind = 'simulated twin' if options.simulated else 'sensor'
     what = f'{kind}, {len(check.frames)} frames in {options.seconds:g} s'
@@ -410,9 +405,9 @@ def watch(device: Device, seconds: float) -> DeviceCheck:
                 try:
                     frames.append(device.read(READ_S))
                     failure = ''
-                except DeviceTimeout as err:
+                except errors.DeviceTimeout as err:
                     failure = str(err)
-    except TactileError as err:
+    except errors.TactileError as err:
         failure = str(err)
     return DeviceCheck(device.layout, frames, failure, device.counters())
 

@@ -23,15 +23,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tactile_ros import errors
 from tactile_ros.cli import interruptible
 from tactile_ros.devices.transport import SerialPort
-from tactile_ros.errors import (
-    DeviceError,
-    DeviceTimeout,
-    MissingPackageError,
-    RecordingError,
-    TactileError,
-)
 from tactile_ros.evaluation import fleet
 from tactile_ros.evaluation.bag import write_recording
 from tactile_ros.evaluation.guided import (
@@ -120,7 +114,7 @@ class Scale(Truth):
         while not self._over:
             try:
                 *lines, rest = (rest + self._port.read(READ_S)).split(b'\n')
-            except DeviceError:
+            except errors.DeviceError:
                 return  # `now` says that nothing comes
             rest = rest[-1000:]
             for found in filter(None, map(READING.search, lines)):
@@ -150,7 +144,7 @@ class Topics(Truth):
             from tactile_ros.nodes.truth_node import TruthTopics
         except ImportError as error:
             msg = 'topics need ROS 2; use weights, a scale or prompts, or set up with make'
-            raise MissingPackageError(msg) from error
+            raise errors.MissingPackageError(msg) from error
         self.columns = ('force',) * bool(wrench) + ('position',) * bool(pose)
         self._topics = TruthTopics(wrench, pose)
 
@@ -225,7 +219,7 @@ class Folder(NamedTuple):
             found = self._stated()
             if found != stated and not (overwrite and file.is_file()):
                 what = 'a session with other options' if found else 'something else'
-                raise RecordingError(f'{self.path} holds {what}; name another output')
+                raise errors.RecordingError(f'{self.path} holds {what}; name another output')
             if found == stated:
                 count = len(stated.get('targets', ()))  # type: ignore[arg-type]
                 files = sorted(self.path.glob('press_*.npz'))[:MOST_PRESSES]
@@ -244,7 +238,7 @@ class Folder(NamedTuple):
             with file.open('rb') as opened:
                 return json.loads(opened.read(MOST_BYTES))
         except (ValueError, RecursionError) as error:
-            raise RecordingError(f'{file} is no session; name another output') from error
+            raise errors.RecordingError(f'{file} is no session; name another output') from error
 
     @staticmethod
     def _press(file: Path, layout: Layout, count: int) -> tuple[int, Recording]:
@@ -253,7 +247,7 @@ class Folder(NamedTuple):
         places = press.layout.positions
         same = press.layout.shape == layout.shape and np.allclose(places, layout.positions)
         if not (same and 0 <= number < count):
-            raise RecordingError(f'{file} is no press of this session; name another output')
+            raise errors.RecordingError(f'{file} is no press of this session; name another output')
         return int(number), press
 
     def write(self, count: int, press: Recording) -> None:
@@ -376,7 +370,7 @@ class Judge:
 
         def pipeline() -> Pipeline:
             if len(presses) < self.least:
-                raise RecordingError('more presses came meanwhile')
+                raise errors.RecordingError('more presses came meanwhile')
             begun.append(time.monotonic())
             self.fit_s = begun[-1] - begun[-2] if len(begun) > 1 else self.fit_s
             made = self._make()
@@ -385,7 +379,7 @@ class Judge:
 
         try:
             self.found, self.failure = held_out(pipeline, presses, targets), ''
-        except (TactileError, ValueError, ArithmeticError) as error:
+        except (errors.TactileError, ValueError, ArithmeticError) as error:
             self.failure = str(error)
         finally:
             self.of = len(presses)
@@ -426,7 +420,7 @@ class Session:
             self.wait('judging on places held out', FOLDS * judge.fit_s)
             time.sleep(LOOK_S)
         if judge.found is None or judge.failure:
-            raise RecordingError(f'nothing can be fitted: {judge.failure}')
+            raise errors.RecordingError(f'nothing can be fitted: {judge.failure}')
         return judge.found
 
     def wait(self, what: str, seconds: float) -> None:
@@ -439,7 +433,7 @@ class Session:
         """Take the next frame."""
         try:
             frame = read()
-        except DeviceTimeout as error:
+        except errors.DeviceTimeout as error:
             self.log(str(error))
             return
         guide, judge = self.guide, self.judge
@@ -540,7 +534,7 @@ def finish(
     pipeline.fit(whole)
     if not pipeline.estimators:
         names = ', '.join(sorted(whole.truth))
-        raise RecordingError(f'nothing can be learned from {folder}: truth has {names}')
+        raise errors.RecordingError(f'nothing can be learned from {folder}: truth has {names}')
     pipeline.save(options.output)
     save_recording(whole, folder / 'presses.npz')
     place = folder / f'bag_{pipeline.digest[:8]}'  # one for each fit: none is replaced

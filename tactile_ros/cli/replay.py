@@ -20,16 +20,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from tactile_ros.cli import calibrate
-from tactile_ros.cli.console import (
-    Progress,
-    add_overwrite,
-    note,
-    refuse_no_pictures,
-    refuse_unwritable,
-    show,
-    working,
-)
+from tactile_ros.cli import calibrate, console
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import fleet, report
 from tactile_ros.evaluation.fleet import Job, Outcome, open_calibration
@@ -69,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--scheduler', default='', help='address of a Dask scheduler')
     parser.add_argument('--report', type=Path, help='write a self-contained HTML report')
     parser.add_argument('--png', type=Path, help='folder of its drawings as PNG, where wanted')
-    add_overwrite(parser)
+    console.add_overwrite(parser)
     parser.add_argument('--json', action='store_true', help='print the table as JSON')
 
 
@@ -79,14 +70,14 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(f'--jobs must be 1 or more; received {options.jobs}')
     pipelines = [open_calibration(path) for path in options.calibration]
     if options.report:
-        refuse_unwritable(options.report, report.PAGE_MARK, overwrite=options.overwrite)
+        console.refuse_unwritable(options.report, report.PAGE_MARK, overwrite=options.overwrite)
     if options.save:
-        refuse_unwritable(options.save)
+        console.refuse_unwritable(options.save)
         for end, mark in fleet.MARKS.items():
             saved = options.save.with_name(options.save.name + end)
-            refuse_unwritable(saved, mark, overwrite=options.overwrite)
+            console.refuse_unwritable(saved, mark, overwrite=options.overwrite)
     if options.png:
-        refuse_no_pictures(options.png)
+        console.refuse_no_pictures(options.png)
     command = shlex.join(['tactile', 'replay', *map(str, sys.argv[2:])])
     calibrations = tuple(map(str, options.calibration))
     given = (options.tolerance, options.delay)
@@ -94,8 +85,8 @@ def run(options: argparse.Namespace) -> int:
     truth = tuple(options.truth) or DEFAULT_TRUTH
     job = Job('', calibrations, truth, tolerance_ns, delay_ns, options.report is not None)
     jobs = [replace(job, recording=name) for name in dict.fromkeys(options.recordings)]
-    alone = working('replaying') if len(jobs) == 1 else nullcontext()
-    with alone, Progress(len(jobs)) as progress:
+    alone = console.working('replaying') if len(jobs) == 1 else nullcontext()
+    with alone, console.Progress(len(jobs)) as progress:
         outcomes = fleet.run_jobs(
             jobs, options.jobs, options.scheduler,
             lambda outcome: progress.step(outcome.job.recording, outcome.failure),
@@ -104,13 +95,13 @@ def run(options: argparse.Namespace) -> int:
     if len(failed) == len(outcomes):
         raise RecordingError('; '.join(failed))
     notes = [text for outcome in outcomes for one in outcome.results for text in one.sentences]
-    show(*fleet.table(outcomes), as_json=options.json, notes=notes)
+    console.show(*fleet.table(outcomes), as_json=options.json, notes=notes)
     if options.save:
         files = fleet.save(options.save, outcomes, command, report.environment())
         print(f'saved: {files[0]}, {files[1]}', file=sys.stderr)
     if options.report or options.png:
         _report(options, pipelines, outcomes, command)
-    note(f'left out: {sentence}' for sentence in failed)
+    console.note(f'left out: {sentence}' for sentence in failed)
     return 1 if failed else 0
 
 

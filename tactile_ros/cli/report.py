@@ -21,14 +21,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactile_ros.cli import bench
-from tactile_ros.cli.console import (
-    add_overwrite,
-    note,
-    refuse_no_pictures,
-    refuse_unwritable,
-    show,
-)
+from tactile_ros.cli import bench, console
 from tactile_ros.errors import TactileError
 from tactile_ros.evaluation.report import PAGE_MARK
 
@@ -47,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument('-o', '--output', type=Path, help='the page (report.html beside them)')
     parser.add_argument('--png', type=Path, help='folder of the drawings as PNG, where wanted')
-    add_overwrite(parser)
+    console.add_overwrite(parser)
     form = parser.add_mutually_exclusive_group()
     form.add_argument('--json', action='store_true', help='print the table as JSON')
     form.add_argument('--markdown', action='store_true', help='print the table of the README')
@@ -57,9 +50,9 @@ def run(options: argparse.Namespace) -> int:
     """Gather, write the page, print one row for each bench; 1 where a file could not be read."""
     first = options.results[0]
     output = options.output or (first if first.is_dir() else first.parent) / 'report.html'
-    refuse_unwritable(output, PAGE_MARK, overwrite=options.overwrite)
+    console.refuse_unwritable(output, PAGE_MARK, overwrite=options.overwrite)
     if options.png:
-        refuse_no_pictures(options.png)
+        console.refuse_no_pictures(options.png)
     page = bench.load('harness.package_page', '`tactile report`')
     files, problems = bench.load('harness.rows', '`tactile report`').gather(options.results)
     if not files:
@@ -69,11 +62,11 @@ def run(options: argparse.Namespace) -> int:
     if options.markdown:
         lines, missing = page.markdown(files)
         print('\n'.join(lines))
-        note(f'not among the results: {row}' for row in missing)
+        console.note(f'not among the results: {row}' for row in missing)
     else:
         rows = [row_of(file, page.title_of(file.result.bench)) for file in files]
-        show(COLUMNS, rows, as_json=options.json)
-    note(f'left out: {problem}' for problem in problems)
+        console.show(COLUMNS, rows, as_json=options.json)
+    console.note(f'left out: {problem}' for problem in problems)
     print(f'report: {output}', file=sys.stderr)
     if options.png:
         picture = None

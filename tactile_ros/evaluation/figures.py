@@ -24,16 +24,7 @@ from scipy.special import ndtri
 
 from tactile_ros.conditioning.loading_direction import dead_band, loading_signs
 from tactile_ros.errors import MissingPackageError, TactileError
-from tactile_ros.evaluation.metrics import (
-    LEAST_TOUCH,
-    ONE_SIGMA,
-    TOLERANCE,
-    ClassErrors,
-    ContactErrors,
-    Coverage,
-    Spread,
-    TargetErrors,
-)
+from tactile_ros.evaluation import metrics
 from tactile_ros.files import write_atomically
 from tactile_ros.types import Array, Bools, Integers
 
@@ -404,20 +395,20 @@ def file_name(title: str) -> str:
     return re.sub(r'[^a-z0-9]+', '_', title.lower()).strip('_')
 
 
-def title_of(target: TargetErrors) -> str:
+def title_of(target: metrics.TargetErrors) -> str:
     """Name of a target in words."""
     return NAMES.get(target.name, target.name.replace('_', ' '))
 
 
-def shown(target: TargetErrors) -> float:
+def shown(target: metrics.TargetErrors) -> float:
     """Figure that stands for a target: mean place error (m), or RMSE."""
     return target.spread.mean if target.name == 'position' else target.spread.rms
 
 
-def _verdict(coverage: Coverage) -> str:
+def _verdict(coverage: metrics.Coverage) -> str:
     """Judgement of a share of errors inside one sigma, which agrees with the drawn band."""
-    away = coverage.share - ONE_SIGMA
-    if abs(away) <= TOLERANCE:
+    away = coverage.share - metrics.ONE_SIGMA
+    if abs(away) <= metrics.TOLERANCE:
         return 'as it should'
     said = f'sigmas look too {"large" if away > 0 else "small"}'
     return f'{said}, and {coverage.groups} groups cannot tell' if coverage.honest else said
@@ -463,7 +454,7 @@ def shade_key(limits: Iterable[float], unit: str) -> tuple[tuple[str, str], ...]
     return tuple((f's{i}', word) for i, word in enumerate(words))
 
 
-def place_map(target: TargetErrors, chips: Array) -> Figure:
+def place_map(target: metrics.TargetErrors, chips: Array) -> Figure:
     """Mean error at every touched place in plan view; chips (t, 3) (m) as crosses."""
     kept = np.isfinite(target.size)
     place, of_place = np.unique(np.round(target.truth[kept], 5), axis=0, return_inverse=True)
@@ -498,7 +489,7 @@ def place_map(target: TargetErrors, chips: Array) -> Figure:
 
 
 def _histogram(
-    sizes: Mapping[str, Array], top: float, label: str, spread: Spread, unit: str
+    sizes: Mapping[str, Array], top: float, label: str, spread: metrics.Spread, unit: str
 ) -> Plot:
     """Distribution up to `top` by class of colour: the first as bars, others as outlines."""
     edges = np.linspace(0, top, 41)
@@ -516,7 +507,9 @@ def _histogram(
     return plot
 
 
-def place_histogram(targets: Mapping[str, TargetErrors], colours: Mapping[str, str]) -> Figure:
+def place_histogram(
+    targets: Mapping[str, metrics.TargetErrors], colours: Mapping[str, str]
+) -> Figure:
     """Distribution of the place error by estimator; all but the first as outlines."""
     names = list(targets)[:4]
     sizes = {colours[n]: targets[n].size[np.isfinite(targets[n].size)] * MM for n in names}
@@ -532,7 +525,7 @@ def place_histogram(targets: Mapping[str, TargetErrors], colours: Mapping[str, s
     return Figure('How far off the place is', caption, (plot,), key)
 
 
-def latency_histogram(latency_s: Array, spread: Spread, lost: str) -> Figure:
+def latency_histogram(latency_s: Array, spread: metrics.Spread, lost: str) -> Figure:
     """Distribution of the time from acquisition to contact (n,) (s)."""
     label = 'from acquisition to contact (ms)'
     plot = _histogram({'c2': MM * latency_s}, 1.3 * spread.p99 * MM, label, spread, 's')
@@ -541,7 +534,7 @@ def latency_histogram(latency_s: Array, spread: Spread, lost: str) -> Figure:
     return Figure('How late a contact is', f'{spread.count} contacts, {worst}; {lost}.', (plot,))
 
 
-def force_scatter(target: TargetErrors, colour: str) -> Figure:
+def force_scatter(target: metrics.TargetErrors, colour: str) -> Figure:
     """Estimate, and its error, against truth with the stated one-sigma band."""
     truth, guess, error = target.truth[:, 0], target.estimate[:, 0], target.error[:, 0]
     kept, words = np.isfinite(guess), title_of(target)
@@ -572,7 +565,7 @@ def force_scatter(target: TargetErrors, colour: str) -> Figure:
     return Figure(f'{words.capitalize()} against the scale', caption, (above, below))
 
 
-def force_trace(target: TargetErrors, name: str, colour: str) -> Figure | None:
+def force_trace(target: metrics.TargetErrors, name: str, colour: str) -> Figure | None:
     """Estimate of an estimator by name and truth over time, and the error under them."""
     if not np.isfinite(target.time_s).any():
         return None
@@ -587,7 +580,7 @@ def force_trace(target: TargetErrors, name: str, colour: str) -> Figure | None:
 
 
 def _trace(
-    target: TargetErrors, size: tuple[int, int], part: float, colour: str
+    target: metrics.TargetErrors, size: tuple[int, int], part: float, colour: str
 ) -> tuple[Plot, Plot]:
     time = target.time_s - float(np.nanmin(target.time_s))
     end = part * float(np.nanmax(time)) or 1.0
@@ -609,7 +602,7 @@ def _trace(
     return upper, lower
 
 
-def sigma_calibration(targets: Sequence[TargetErrors]) -> Figure:
+def sigma_calibration(targets: Sequence[metrics.TargetErrors]) -> Figure:
     """Share of errors within k sigma against what a normal distribution has there."""
     expected = np.linspace(0, 1, 41)
     limits = ndtri(0.5 + expected[:-1] / 2)
@@ -624,7 +617,7 @@ def sigma_calibration(targets: Sequence[TargetErrors]) -> Figure:
         if len(ratio):
             share = np.searchsorted(ratio, limits, side='right') / len(ratio)
             plot.line(100 * expected, 100 * np.append(share, 1.0), f'line c{i}')
-    plot.rule(100 * ONE_SIGMA, '1 sigma')
+    plot.rule(100 * metrics.ONE_SIGMA, '1 sigma')
     measured = '; '.join(
         f'{title_of(t)} {100 * t.coverage.share:.0f} % ({_verdict(t.coverage)}: accepted '
         f'{100 * t.coverage.low:.0f}–{100 * t.coverage.high:.0f} %, {t.coverage.groups} groups)'
@@ -677,7 +670,7 @@ def confusion_plot(table: Array, name: str, description: str) -> Plot:
     return plot
 
 
-def confusion_figure(errors: ClassErrors) -> Figure:
+def confusion_figure(errors: metrics.ClassErrors) -> Figure:
     """Share of each true class that is named as each, and what is confused most."""
     table, name = np.nan_to_num(errors.table), errors.name
     plot = confusion_plot(table, name, f'{name} named against true {name}')
@@ -693,12 +686,12 @@ def confusion_figure(errors: ClassErrors) -> Figure:
     return Figure(f'Which {name} is taken for which', caption, (plot,), key)
 
 
-def contact_sentence(errors: ContactErrors) -> str:
+def contact_sentence(errors: metrics.ContactErrors) -> str:
     """Contacts that are found, false ones at rest, and the time until a release is reported."""
     rest, firm, said = int((~errors.touched).sum()), int(errors.firm.sum()), []
     if firm:
-        said.append(f'{rounded(errors.found)} % of {firm:,} frames of {LEAST_TOUCH:g} N or more '
-                    'are found')  # fmt: skip
+        frames = f'{firm:,} frames of {metrics.LEAST_TOUCH:g} N or more'
+        said.append(f'{rounded(errors.found)} % of {frames} are found')
     if rest:
         said.append(f'{rounded(errors.contact_at_rest)} % of {rest:,} at rest are called contacts')
     if len(errors.release_s):
@@ -707,7 +700,7 @@ def contact_sentence(errors: ContactErrors) -> str:
     return '; '.join(said)
 
 
-def contact(errors: ContactErrors) -> Figure:
+def contact(errors: metrics.ContactErrors) -> Figure:
     """Reported contact against truth, and what a threshold of the estimated force would do."""
     plots = [confusion_plot(errors.table, 'contact (0 none, 1)', 'Reported contact, truth')]
     text = contact_sentence(errors)
@@ -717,11 +710,11 @@ def contact(errors: ContactErrors) -> Figure:
     )
     if not (len(rest) and len(touched)):
         return Figure('Is something touching?', f'{text}.', tuple(plots))
-    limits = np.linspace(0.0, 10 * LEAST_TOUCH, 101)
+    limits = np.linspace(0.0, 10 * metrics.LEAST_TOUCH, 101)
     alarms = 100 - 100 * np.searchsorted(rest, limits, side='right') / len(rest)
     missed = 100 * np.searchsorted(touched, limits) / len(touched)
     top = 1.15 * float(max(alarms.max(), missed.max())) or 1.0
-    plots.append(Plot((0.0, 10 * LEAST_TOUCH), (0, top), 'threshold of the force (N)',
+    plots.append(Plot((0.0, 10 * metrics.LEAST_TOUCH), (0, top), 'threshold of the force (N)',
                       'share of frames (%)', (360, 190),
                       description='False alarms and missed contacts by threshold'))  # fmt: skip
     for share, kind in ((alarms, 'line c1'), (missed, 'line c0')):
@@ -730,7 +723,7 @@ def contact(errors: ContactErrors) -> Figure:
     return Figure('Is something touching?', f'{text}.', tuple(plots), key)
 
 
-def hysteresis(target: TargetErrors) -> Figure | None:
+def hysteresis(target: metrics.TargetErrors) -> Figure | None:
     """Mean error along the force, while it rises and while it falls."""
     truth, error = target.truth[:, 0], target.error[:, 0]
     low, high = (float(edge) for edge in np.nanpercentile(truth, [1, 99]))
@@ -755,7 +748,7 @@ def hysteresis(target: TargetErrors) -> Figure | None:
     return Figure(f'Hysteresis of {words}', caption, (plot,), key)
 
 
-def _directions(target: TargetErrors) -> tuple[Bools, Bools]:
+def _directions(target: metrics.TargetErrors) -> tuple[Bools, Bools]:
     """Rows (n,) on the way up and down in true force, without turns, holds there and pauses."""
     force, step = target.truth[:, 0], np.diff(target.time_s)
     usual = float(np.nanmedian(step[step > 0])) if (step > 0).any() else 0.0
@@ -768,7 +761,7 @@ def _directions(target: TargetErrors) -> tuple[Bools, Bools]:
     return (way > 0) & (force < high - band), (way < 0) & (force > low + band)
 
 
-def drift(target: TargetErrors, colour: str, *, since_tare: bool = False) -> Figure | None:
+def drift(target: metrics.TargetErrors, colour: str, *, since_tare: bool = False) -> Figure | None:
     """Mean error over time, or since the latest tare, with its deviation and a line through it."""
     time = target.since_s if since_tare else target.time_s
     kept = np.isfinite(time) & np.isfinite(target.error[:, 0])
