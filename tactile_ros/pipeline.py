@@ -17,7 +17,15 @@ import numpy as np
 import numpy.typing as npt
 
 from tactile_ros import calibration
-from tactile_ros.conditioning import baseline, faults
+from tactile_ros.conditioning import faults
+from tactile_ros.conditioning.baseline import (
+    PERIOD_NS,
+    Baselines,
+    BaselineTracker,
+    Rest,
+    Stream,
+    stream_baselines,
+)
 from tactile_ros.errors import CalibrationError
 from tactile_ros.types import (
     STATE_FIELDS,
@@ -111,18 +119,18 @@ class Pipeline:
         """Forget the stream's state; the baseline of the last tare or fit stays."""
         self.stream = self._new_stream()
 
-    def _new_stream(self) -> baseline.Stream:
-        return baseline.Stream(self._tracker(), self.estimation.start())
+    def _new_stream(self) -> Stream:
+        return Stream(self._tracker(), self.estimation.start())
 
-    def _unknown_rest(self) -> baseline.Rest:
+    def _unknown_rest(self) -> Rest:
         uses_temperature = self.estimation.uses_temperature
-        return baseline.Rest.unknown(self.layout.shape, self.config.noise, uses_temperature)
+        return Rest.unknown(self.layout.shape, self.config.noise, uses_temperature)
 
-    def _tracker(self) -> baseline.BaselineTracker:
+    def _tracker(self) -> BaselineTracker:
         rest, frames = self.rest_, self.tare_frames
         follows = self.config.track_baseline and rest.tared
         scale = rest.scale if follows else None
-        return baseline.BaselineTracker(rest.level, scale, 1 / frames if frames else 0.0)
+        return BaselineTracker(rest.level, scale, 1 / frames if frames else 0.0)
 
     def tare(self, frames: Sequence[Frame]) -> None:
         """Replace the baseline by the mean of resting frames; an error leaves it as it was.
@@ -245,7 +253,7 @@ class Pipeline:
     def _condition_rows(self, recording: Recording, usable: Array, bits: Bytes) -> Signals:
         """Conditioned frames of a recording."""
         chips, rest = recording.temperature_c, self.rest_
-        followed = baseline.stream_baselines(
+        followed = stream_baselines(
             recording, rest.with_temperature(usable, chips), self._tracker(), rest.dead
         )
         signals = self._condition(usable, bits, chips, recording.stamp_ns, followed)
@@ -257,7 +265,7 @@ class Pipeline:
         bits: Bytes,
         chips: Array | None,
         stamp_ns: Integers | None,
-        followed: baseline.Baselines,
+        followed: Baselines,
     ) -> Signals:
         """Frames less their baseline, with what the readings say about contact."""
         rest = self.rest_
@@ -282,7 +290,7 @@ class Pipeline:
         self,
         signals: Signals,
         bits: Bytes,
-        stream: baseline.Stream,
+        stream: Stream,
         strict: bool = False,
         fails: bool = False,
     ) -> Columns:
@@ -309,7 +317,7 @@ class Pipeline:
         return known
 
     def _answers(
-        self, signals: Signals, stream: baseline.Stream, strict: bool, fails: bool
+        self, signals: Signals, stream: Stream, strict: bool, fails: bool
     ) -> tuple[Columns, Bools]:
         """Answers of the estimation, and the rows (s,) at which it raised.
 
@@ -533,7 +541,7 @@ class Pipeline:
             if found != sensor:
                 msg = f'calibration {path} must be of {sensor}; it is of {str(found)[:60]!r}'
                 raise CalibrationError(msg)
-            allowed = {'Layout': Layout, 'Rest': baseline.Rest, **classes}
+            allowed = {'Layout': Layout, 'Rest': Rest, **classes}
             parts = {name: calibration.restore(arrays, name, allowed) for name in PARTS}
             _refuse_misfit(f'calibration {path}', parts, classes)
         except (ValueError, TypeError, OverflowError, AttributeError, LookupError) as error:
@@ -573,9 +581,7 @@ class Pipeline:
         if values is None:  # a chip that reads 0 would be dead
             values = np.nan_to_num(self.rest_.baseline + touch, nan=SAME)
         # a baseline that only a tare gives is tracked over more than a block
-        stamps = np.arange(REFERENCES) * (
-            baseline.PERIOD_NS // 10 if self.reference_ is None else 1
-        )
+        stamps = np.arange(REFERENCES) * (PERIOD_NS // 10 if self.reference_ is None else 1)
         warm = np.full(values.shape[:2], WARM_C)
         answers: list[Columns] = []
         for tare, stamp_ns, temperature_c in (
@@ -615,7 +621,7 @@ def _refuse_misfit(name: str, parts: Mapping[str, object], classes: Mapping[str,
     """Refuse parts of other kinds or shapes than a pipeline's."""
     layout, rest, counts = parts['layout'], parts['rest_'], parts['left_out_']
     fitted = all(type(parts[key]) in classes.values() for key in ('config', 'estimation'))
-    if not (isinstance(layout, Layout) and isinstance(rest, baseline.Rest) and fitted):
+    if not (isinstance(layout, Layout) and isinstance(rest, Rest) and fitted):
         msg = f'{name} has no layout, rest level or estimators; calibrate again'
         raise CalibrationError(msg)
     if not (isinstance(counts, dict) and all(isinstance(n, float) for n in counts.values())):

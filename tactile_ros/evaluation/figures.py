@@ -269,11 +269,6 @@ class Figure(NamedTuple):
     key: tuple[tuple[str, str], ...] = ()
     narrow: tuple[Plot, ...] = ()
 
-    @property
-    def drawing(self) -> str:
-        """All plots, one under the other."""
-        return ''.join(plot.__html__() for plot in self.plots)
-
 
 def standalone(*plots: Plot, title: str = '', key: Sequence[tuple[str, str]] = ()) -> str:
     """Plots, one under the other, as a file (SVG) of its own with the look of reports."""

@@ -8,7 +8,7 @@ with the rest before it as its tare, so that drift between presses does no harm.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import TYPE_CHECKING
 
@@ -318,16 +318,7 @@ class PressGuide:
         }
         if np.isfinite(force).any():
             truth['force'] = np.where(tare[:, None], np.nan, force)
-        plain = Recording.from_frames(self.layout, frames, tare=tare)
-        return Recording.from_arrays(
-            self.layout,
-            plain.values,
-            plain.stamp_ns,
-            temperature_c=plain.temperature_c,
-            status=plain.status,
-            tare=tare,
-            truth=truth,
-        )
+        return replace(Recording.from_frames(self.layout, frames, tare=tare), truth=truth)
 
     def repeat(self, numbers: Sequence[int]) -> None:
         """Ask for one more press at each of some targets."""

@@ -80,14 +80,12 @@ _DIGEST = re.compile(r'\b[0-9a-f]{64}\b')
 class LiveContacts:
     """States of n messages of a live run about rows (n,) of a recording.
 
-    `log_ns` (n,) is when each was heard (ns); `unmatched` counts messages about frames that the
-    bag does not hold.
+    `log_ns` (n,) is when each was heard (ns).
     """
 
     rows: Integers
     states: ContactStates
     log_ns: Integers
-    unmatched: int
 
     @property
     def failed(self) -> Integers:
@@ -473,14 +471,14 @@ class SensorBag:
             rows[recording.stamp_ns[rows] != stamps] = -1
         kept = rows >= 0
         waits = ~kept & (logs > last_ns - HORIZON_NS) & (until < FOREVER)
-        given_up = int((~kept & ~waits).sum())
-        self._lost['contacts are about frames that were not recorded'] += given_up
+        given_up = 'contacts are about frames that were not recorded'
+        self._lost[given_up] += int((~kept & ~waits).sum())
         again = messages.rows[waits].tolist()
         self.contacts.logs[:0] = [heard[i] for i in again]
         self.contacts.data[:0] = [data[i] for i in again]
         columns = {name: messages.arrays[name][kept] for name in STATE_FIELDS if messages.arrays}
         states = ContactStates.assemble(int(kept.sum()), taxels, columns)
-        return LiveContacts(rows[kept], states, logs[kept], given_up)
+        return LiveContacts(rows[kept], states, logs[kept])
 
     def _baselines(self, until: int) -> tuple[Frame, ...]:
         rows = cdr_columns.read_frames(self.tares.take_until(until)[1], self.layout.shape)

@@ -43,13 +43,12 @@ class Process:
     """One executable of the package.
 
     `parameters` hold for every node of the process that has one of that name, and win over those
-    of `params_file`; `remappings` are from -> to.
+    of `params_file`.
     """
 
     executable: str
     parameters: Mapping[str, Value] = field(default_factory=dict)
     namespace: str = ''
-    remappings: Mapping[str, str] = field(default_factory=dict)
     params_file: str = ''
 
     def __post_init__(self) -> None:
@@ -71,8 +70,7 @@ class Process:
     def ros_arguments(self) -> list[str]:
         """Command line after --ros-args."""
         space = self.namespace.strip('/')
-        rules = {**({'__ns': f'/{space}'} if space else {}), **self.remappings}
-        arguments = [word for old, new in rules.items() for word in ('-r', f'{old}:={new}')]
+        arguments = ['-r', f'__ns:=/{space}'] if space else []
         arguments += ['--params-file', self.params_file] if self.params_file else []
         for name, value in self.parameters.items():
             arguments += ['-p', f'{name}:={yaml_text(value)}']

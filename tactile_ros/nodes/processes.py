@@ -217,7 +217,6 @@ def node_of(process: Process, log_level: str, respawn: bool = False) -> Node:
         executable=process.executable,
         namespace=process.namespace,
         parameters=[*files, dict(process.parameters)],
-        remappings=list(process.remappings.items()),
         arguments=['--ros-args', '--log-level', log_level],
         output='screen',
         on_exit=end,

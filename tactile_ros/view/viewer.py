@@ -66,8 +66,7 @@ class Scene:
         from foxglove import messages
 
         self._messages, self._layout, self._change, self._most = messages, layout, change, most
-        stamp = messages.Timestamp(*divmod(stamp_ns, 1_000_000_000))
-        self._about = {'timestamp': stamp, 'frame_id': layout.frame_id}
+        self._stamp = messages.Timestamp(*divmod(stamp_ns, 1_000_000_000))
         self._balls: list[messages.SpherePrimitive] = []
         self._arrows: list[messages.ArrowPrimitive] = []
         self._last = np.zeros(3)  # middle of the last ball
@@ -95,8 +94,9 @@ class Scene:
             for name, (_, at, *_) in (row.fields or {}).items()
         ]
         return kinds.PointCloud(
-            point_stride=row.itemsize, fields=fields, data=table.tobytes(), **self._about
-        )
+            timestamp=self._stamp, frame_id=layout.frame_id, point_stride=row.itemsize,
+            fields=fields, data=table.tobytes(),
+        )  # fmt: skip
 
     def update(self, state: ContactState) -> messages.SceneUpdate:
         """Everything at once, in the place of what was shown before."""
@@ -114,7 +114,8 @@ class Scene:
             text=', '.join(words + ['slips'] * int(state.slip == 1)),
         )  # fmt: skip
         entity = self._messages.SceneEntity(
-            id='sensor', spheres=self._balls, arrows=self._arrows, **self._about,
+            timestamp=self._stamp, frame_id=self._layout.frame_id, id='sensor',
+            spheres=self._balls, arrows=self._arrows,
             texts=[text] if words or state.slip == 1 else [],
         )  # fmt: skip
         return self._messages.SceneUpdate(entities=[entity])

@@ -230,7 +230,7 @@ def test_the_front_holds_whoever_nobody_beats_in_both() -> None:
     assert figure.title == COMPARED
     assert 'ridge errs least (0.4 mm) at 60 µs; kNN is fastest (20 µs)' in figure.caption
     assert 'deviation over seeds' in figure.caption
-    assert 'nan' not in figure.drawing
+    assert 'nan' not in standalone(*figure.plots)
     assert contests([*rows()[:1], *rows()[3:]]) == []
 
 
@@ -244,15 +244,15 @@ def test_the_highest_share_is_best_and_an_exact_method_is_drawn_too() -> None:
     assert [m.name for m in front(contest.methods, contest.high)] == ['fast', 'slow']
     caption = 'slow is best (97 %) at 120 µs; fast is fastest (60 µs) and reaches 90 %. Up'
     assert caption in pareto(contest).caption
-    assert 'nan' not in pareto(contest).drawing
+    assert 'nan' not in standalone(*pareto(contest).plots)
     exact = [
         Row('x', 'uT', 1e-3**i if i < 3 else 0.0, us_single=10.0**i, compared='c', method=f'm{i}')
         for i in range(4)
     ]
     figure = pareto(contests(exact)[0])
     assert 'm3 errs least (0 µT)' in figure.caption
-    assert 'class="rule"' in figure.drawing
-    assert 'inf' not in figure.drawing
+    assert 'class="rule"' in standalone(*figure.plots)
+    assert 'inf' not in standalone(*figure.plots)
 
 
 def test_without_resvg_or_fonts_pictures_are_refused(

@@ -177,7 +177,7 @@ def test_tares_of_a_bag_that_tells_no_rest_are_left_out_and_told() -> None:
 def test_live_runs_are_compared_by_what_they_said() -> None:
     one = competitor('a', 0.1, 0)
     rows = np.arange(COUNT)
-    live_run = LiveContacts(rows, one.states[0], rows, 0)
+    live_run = LiveContacts(rows, one.states[0], rows)
     bag = LoadedRecording('sensor', one.recordings[0], live_run)
     assert {each.p for each in compare(one, live('bag', [bag]))} == {1.0}
     named = replace(bag, label_names=('x', 'y', 'z'))  # their numbers are not known

@@ -295,7 +295,7 @@ class Run:
         }  # fmt: skip
         states = ContactStates.assemble(len(rows), 20, columns)
         return LoadedRecording(
-            'run', recording, LiveContacts(rows, states, rows, 0), tuple(self.baselines),
+            'run', recording, LiveContacts(rows, states, rows), tuple(self.baselines),
             tuple(dict.fromkeys(json.loads(text)['sha256'] for text in self.told)),
             read_changes(self.told),
         )  # fmt: skip
@@ -332,7 +332,7 @@ def test_a_replay_learns_and_forgets_where_the_live_run_did(run: Run) -> None:
     assert 'several calibrations' in other.problems[0]
     late = loaded.recording.select(slice(300, None))
     rows, blank = np.arange(len(late)), ContactStates.assemble(len(late), 20, {})
-    part = replace(loaded, recording=late, contacts=LiveContacts(rows, blank, rows, 0))
+    part = replace(loaded, recording=late, contacts=LiveContacts(rows, blank, rows))
     assert any("'mug' could not be learned" in text for text in replay(part, run.first).problems)
 
 
@@ -398,7 +398,7 @@ def lived(
             assert stage.tare()[0]
         parts.append(batch_of(stage.process([recording.frame(int(row))])[0]))
     states = gathered(parts, np.arange(len(rows)), len(rows), 5)
-    live = LiveContacts(rows, states, recording.stamp_ns[rows], 0) if contacts else None
+    live = LiveContacts(rows, states, recording.stamp_ns[rows]) if contacts else None
     return LoadedRecording('x', recording, live, tuple(told))
 
 

@@ -117,7 +117,7 @@ def test_figures_of_say_their_findings() -> None:
     assert f'{1e3 * place.mean:.3g} mm on average' in figures['How far off the place is'].caption
     assert f'RMSE {force.rms:.3g} N' in figures['Normal force against the scale'].caption
     assert '3 of 243 frames were lost' in figures['How late a contact is'].caption
-    assert all('nan' not in figure.drawing for figure in figures.values())
+    assert all('nan' not in standalone(*figure.plots) for figure in figures.values())
 
 
 def remembering(force: np.ndarray, error: np.ndarray, time: np.ndarray) -> Dataset:
@@ -151,7 +151,7 @@ def test_hysteresis_drift_and_confusion_measure_gap_slope_and_share() -> None:
     columns, (row,) = table(result_of(datasets=(gap,)))
     assert row[columns.index('named rightly (%)')] == 62.5
     still = drift(remembering(force, 0.0 * time, time).answers[0].target('force_z'), 'c0')
-    assert 'nan' not in moved.drawing + still.drawing + figure.drawing
+    assert 'nan' not in standalone(*moved.plots, *still.plots, *figure.plots)
 
 
 @pytest.mark.parametrize('rate', [20.0, 200.0])

@@ -228,11 +228,10 @@ def test_a_node_gets_parameters_wherever_it_runs() -> None:
 
 
 def test_command_line() -> None:
-    process = Process('stack', {'port': '/dev/x'}, 'hand/thumb', {'frame': 'raw'}, 'p.yaml')
+    process = Process('stack', {'port': '/dev/x'}, 'hand/thumb', 'p.yaml')
     arguments = process.ros_arguments()
     assert arguments == [
-        '-r', '__ns:=/hand/thumb', '-r', 'frame:=raw', '--params-file', 'p.yaml',
-        '-p', 'port:="/dev/x"',
+        '-r', '__ns:=/hand/thumb', '--params-file', 'p.yaml', '-p', 'port:="/dev/x"',
     ]  # fmt: skip
     assert process.command()[2:4] == ['tactile_ros.nodes', 'stack']
 
