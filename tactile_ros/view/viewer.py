@@ -93,7 +93,7 @@ class Scene:
             )
             for name, (_, at, *_) in (row.fields or {}).items()
         ]
-        return kinds.PointCloud(
+        return self._messages.PointCloud(
             timestamp=self._stamp, frame_id=layout.frame_id, point_stride=row.itemsize,
             fields=fields, data=table.tobytes(),
         )  # fmt: skip

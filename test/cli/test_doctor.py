@@ -13,20 +13,6 @@ import numpy as np
 import pytest
 
 from tactile_ros.cli import doctor
-from tactile_ros.cli.doctor import (
-    BAD,
-    NOTE,
-    OK,
-    WARN,
-    DeviceCheck,
-    Finding,
-    findings,
-    noise_of,
-    permission,
-    probe,
-    serial_ports,
-    watch,
-)
 from tactile_ros.cli.main import main
 from tactile_ros.devices.mlx90393 import ChipPlace
 from tactile_ros.devices.simulated_i2c import SimulatedChip, SimulatedI2cBus
@@ -51,7 +37,7 @@ def test_every_twin_is_well(sensor: str, capsys: pytest.CaptureFixture[str]) -> 
     code, found = look(capsys, '--sensor', sensor, '--simulated', '--seconds', '1.0')
     assert code == 0, found
     assert {'rate', 'jitter', 'noise', 'temperature'} <= found.keys()
-    assert found['noise']['state'] == OK
+    assert found['noise']['state'] == doctor.OK
     assert 'serial ports' not in found
 
 
@@ -60,7 +46,7 @@ def test_a_fault_of_a_twin_is_told_with_what_to_do(capsys: pytest.CaptureFixture
     _, found = look(capsys, *words.split())
     assert int(found['dropped']['what']) >= 3  # more where the machine pauses
     assert 'frames are lost' in found['dropped']['remedy']
-    assert found['crc errors']['state'] == WARN
+    assert found['crc errors']['state'] == doctor.WARN
 
 
 def test_nothing_connected_fails_and_says_what_to_do(
@@ -70,9 +56,9 @@ def test_nothing_connected_fails_and_says_what_to_do(
     monkeypatch.setattr(doctor, 'list_buses', list)
     code, found = look(capsys)
     assert code == 1
-    assert found['sensor']['state'] == BAD
+    assert found['sensor']['state'] == doctor.BAD
     assert '--simulated' in found['sensor']['remedy']
-    assert found['serial ports']['state'] == found['I2C buses']['state'] == NOTE
+    assert found['serial ports']['state'] == found['I2C buses']['state'] == doctor.NOTE
     assert 'i2c-dev' in found['I2C buses']['remedy']
 
 
@@ -122,12 +108,12 @@ def port_of(root: Path, name: str) -> Path:
 def test_latency_timer_of_a_port(tmp_path: Path) -> None:
     timer = port_of(tmp_path, 'ttyUSB0') / 'latency_timer'
     timer.write_text('16\n')
-    port, slow = serial_ports(['/dev/ttyUSB0'], tmp_path)
-    assert (port.state, slow.state) == (OK, WARN)
+    port, slow = doctor.serial_ports(['/dev/ttyUSB0'], tmp_path)
+    assert (port.state, slow.state) == (doctor.OK, doctor.WARN)
     assert 'up to 16 ms' in slow.what
     assert 'ATTR{latency_timer}="1"' in slow.remedy
     timer.write_text('1\n')
-    assert serial_ports(['/dev/ttyUSB0'], tmp_path)[1].state == OK
+    assert doctor.serial_ports(['/dev/ttyUSB0'], tmp_path)[1].state == doctor.OK
 
 
 @pytest.mark.parametrize(
@@ -143,10 +129,10 @@ def test_a_port_that_may_not_be_used(
     port_of(tmp_path, 'ttyACM0')
     monkeypatch.setattr(os, 'access', lambda *_: False)
     monkeypatch.setattr(Path, 'group', lambda _: group)
-    (found,) = serial_ports(['/dev/ttyACM0'], tmp_path)
-    assert found.state == BAD
+    (found,) = doctor.serial_ports(['/dev/ttyACM0'], tmp_path)
+    assert found.state == doctor.BAD
     assert words in found.remedy
-    assert permission(tmp_path / 'none', 'dialout', '').what == 'does not exist'
+    assert doctor.permission(tmp_path / 'none', 'dialout', '').what == 'does not exist'
 
 
 class Nobody:
@@ -168,21 +154,21 @@ def test_a_bus_is_asked_without_changing_anything() -> None:
     rng = np.random.default_rng(0)
     places = (ChipPlace(0x0C), ChipPlace(0x0E, 0, 0x70, 1))
     chips = {p: SimulatedChip(lambda _: (np.zeros(3), 25.0), rng, np.zeros(3)) for p in places}
-    found = probe(I2cBus('twin', SimulatedI2cBus(VirtualClock(), chips)))
-    assert found.state == OK
+    found = doctor.probe(I2cBus('twin', SimulatedI2cBus(VirtualClock(), chips)))
+    assert found.state == doctor.OK
     assert found.what == 'answers come from 0x0c, 0x70 (switch)'
     nobody = Nobody(121)
-    assert probe(I2cBus('empty', nobody)).state == WARN
+    assert doctor.probe(I2cBus('empty', nobody)).state == doctor.WARN
     assert nobody.written == {b'\x00'}
-    assert probe(I2cBus('stuck', Nobody(110))).state == BAD
+    assert doctor.probe(I2cBus('stuck', Nobody(110))).state == doctor.BAD
 
 
-def check_of(values: np.ndarray, period_s: float = 0.01, **more: object) -> DeviceCheck:
+def check_of(values: np.ndarray, period_s: float = 0.01, **more: object) -> doctor.DeviceCheck:
     frames = [Frame(round(k * period_s * 1e9), k, row) for k, row in enumerate(values)]
-    return DeviceCheck(LAYOUT, frames, **{'failure': '', 'counters': {}, **more})
+    return doctor.DeviceCheck(LAYOUT, frames, **{'failure': '', 'counters': {}, **more})
 
 
-def named(found: list[Finding]) -> dict[str, Finding]:
+def named(found: list[doctor.Finding]) -> dict[str, doctor.Finding]:
     return {finding.where: finding for finding in found}
 
 
@@ -190,10 +176,10 @@ def test_noise_is_that_of_the_readings_whatever_presses() -> None:
     rng = np.random.default_rng(0)
     slow = 1e-3 * np.sin(np.linspace(0, 6, 2000))[:, None, None]
     check = check_of(slow + 2e-6 * rng.standard_normal((2000, 3, 3)))
-    np.testing.assert_allclose(noise_of(check), 2e-6, rtol=0.15)
+    np.testing.assert_allclose(doctor.noise_of(check), 2e-6, rtol=0.15)
 
 
-@pytest.mark.parametrize(('stale', 'state'), [(10, None), (11, WARN), (101, BAD)])
+@pytest.mark.parametrize(('stale', 'state'), [(10, None), (11, doctor.WARN), (101, doctor.BAD)])
 def test_repeats_are_told_where_they_are_more_than_a_quiet_chip_has(
     stale: int, state: str | None
 ) -> None:
@@ -204,7 +190,7 @@ def test_repeats_are_told_where_they_are_more_than_a_quiet_chip_has(
     bits[0, 2] |= TaxelStatus.STUCK
     bits[:, 0] = TaxelStatus.SATURATED
     frames = [dataclasses.replace(f, status=b) for f, b in zip(check.frames, bits, strict=True)]
-    found = named(findings(dataclasses.replace(check, frames=frames)))
+    found = named(doctor.findings(dataclasses.replace(check, frames=frames)))
     assert found['stuck'].what.startswith('taxels [2]')
     assert found['saturated'].what == 'taxels [0], in up to 100 % of the frames'
     assert ('stale' in found) == (state is not None)
@@ -218,16 +204,16 @@ def test_noisy_dead_slow_lossy_and_silent_streams_are_told() -> None:
     rng = np.random.default_rng(0)
     values = 1e-6 * rng.standard_normal((200, 3, 3))
     values[:, 1] *= 30
-    assert 'taxels [1]' in named(findings(check_of(values)))['noise'].remedy
+    assert 'taxels [1]' in named(doctor.findings(check_of(values)))['noise'].remedy
     values[:, 1] = 0.0
-    assert 'never change' in named(findings(check_of(values)))['noise'].remedy
+    assert 'never change' in named(doctor.findings(check_of(values)))['noise'].remedy
     slow = check_of(rng.standard_normal((50, 3, 3)), 0.05, counters={'reconnects': 2})
-    found = named(findings(slow))
-    assert found['rate'].state == WARN
+    found = named(doctor.findings(slow))
+    assert found['rate'].state == doctor.WARN
     assert found['rate'].what == '20 Hz, nominal 100 Hz'
     assert 'plug' in found['reconnects'].remedy
     silent = check_of(np.zeros((9, 3, 3)), failure='gone')
-    assert named(findings(silent))['connection'].remedy == 'gone'
+    assert named(doctor.findings(silent))['connection'].remedy == 'gone'
 
 
 def test_a_device_that_fails_is_no_traceback() -> None:
@@ -241,7 +227,7 @@ def test_a_device_that_fails_is_no_traceback() -> None:
         def __exit__(self, *_: object) -> None:
             pass
 
-    assert watch(Broken(), 1.0).failure == 'no such port'
+    assert doctor.watch(Broken(), 1.0).failure == 'no such port'
 
 
 @pytest.mark.parametrize('text', ['-1', 'nan', 'inf', 'soon'])

@@ -9,15 +9,7 @@ import numpy as np
 import pytest
 
 from tactile_ros.errors import RecordingError
-from tactile_ros.evaluation.compare import (
-    Competitor,
-    compare,
-    held_out,
-    judge,
-    live,
-    row_of,
-    swap_probability,
-)
+from tactile_ros.evaluation import compare
 from tactile_ros.evaluation.recording_files import LiveContacts, LoadedRecording
 from tactile_ros.evaluation.replay import replay
 from tactile_ros.evaluation.report import write_comparison
@@ -43,7 +35,7 @@ def recording(groups: int = GROUPS, **changes: object) -> Recording:
 
 def competitor(
     name: str, sigma: float, seed: int, one: Recording | None = None, **columns: np.ndarray
-) -> Competitor:
+) -> compare.Competitor:
     """Estimates that err by so much, half of it in common in a press cycle."""
     one = recording() if one is None else one
     rng = np.random.default_rng(seed)
@@ -53,12 +45,12 @@ def competitor(
         'force': one.truth['force'] + error, 'position': one.truth['position'] + 1e-3 * error,
         'label': np.arange(count) % 3, 'valid': np.ones(count, bool), **columns,
     }  # fmt: skip
-    return Competitor(name, (one,), (ContactStates.assemble(count, 2, known),))
+    return compare.Competitor(name, (one,), (ContactStates.assemble(count, 2, known),))
 
 
 def test_equal_estimates_do_not_differ() -> None:
     one = competitor('a', 0.1, 0)
-    found = compare(one, replace(one, name='b'))
+    found = compare.compare(one, replace(one, name='b'))
     targets = ['position', 'force_x', 'force_y', 'force_z', 'label']
     assert [each.target for each in found] == targets
     for each in found:
@@ -67,7 +59,7 @@ def test_equal_estimates_do_not_differ() -> None:
 
 def test_a_constructed_difference_is_found_in_its_size() -> None:
     worse, better = competitor('a', 0.2, 1), competitor('b', 0.1, 2)
-    place, force, *_, label = compare(worse, better)
+    place, force, *_, label = compare.compare(worse, better)
     assert (place.measure, place.unit, force.measure, force.unit) == ('mean', 'mm', 'RMSE', 'N')
     assert force.low < -0.1 * np.sqrt(2) < force.high < 0
     assert force.p < 0.001
@@ -79,20 +71,20 @@ def test_a_constructed_difference_is_found_in_its_size() -> None:
         mean, rms = np.linalg.norm(off, axis=1).mean(), np.sqrt((error**2).mean())
         assert shown == pytest.approx((1e3 * mean, rms))
     assert (label.first, label.p) == (0.0, 1.0)
-    turned = compare(better, worse)[1]
+    turned = compare.compare(better, worse)[1]
     assert turned.difference == pytest.approx(-force.difference)
     assert turned.p == pytest.approx(force.p, abs=0.001)
-    again = compare(worse, better, seed=5)[0]
-    assert row_of(again) == row_of(compare(worse, better, seed=5)[0])
+    again = compare.compare(worse, better, seed=5)[0]
+    assert compare.row_of(again) == compare.row_of(compare.compare(worse, better, seed=5)[0])
     assert again.low != place.low
-    twice = (Competitor(c.name, c.recordings * 2, c.states * 2) for c in (worse, better))
-    assert len(compare(*twice)[1].by_group) == 2 * GROUPS
+    twice = (compare.Competitor(c.name, c.recordings * 2, c.states * 2) for c in (worse, better))
+    assert len(compare.compare(*twice)[1].by_group) == 2 * GROUPS
 
 
 def test_wrong_and_missing_classes_are_wrong() -> None:
     label = recording().truth['label'].copy()
     label[:20], label[20:40] = -1, (label[20:40] + 1) % 3
-    found = compare(competitor('a', 0.1, 0), competitor('b', 0.1, 0, label=label))[-1]
+    found = compare.compare(competitor('a', 0.1, 0), competitor('b', 0.1, 0, label=label))[-1]
     assert (found.second, found.unit, found.frames) == (pytest.approx(20.0), '%', COUNT)
 
 
@@ -100,7 +92,7 @@ def test_chance_alone_is_rarely_significant_and_inside_the_interval() -> None:
     small = recording(8)
     pairs = [(competitor('a', 0.1, 2 * k, small), competitor('b', 0.1, 2 * k + 1, small))
              for k in range(60)]  # fmt: skip
-    found = [compare(*pair)[1] for pair in pairs]
+    found = [compare.compare(*pair)[1] for pair in pairs]
     assert sum(each.p <= 0.05 for each in found) <= 7
     assert sum(each.low <= 0.0 <= each.high for each in found) >= 50
 
@@ -111,20 +103,22 @@ def test_few_groups_are_swapped_exactly_and_said() -> None:
     signs = product((1, -1), repeat=4)
     reached = [abs(np.dot(s, sums[:, 1] - sums[:, 0])) >= least - 1e-12 for s in signs]
     rng = np.random.default_rng(0)
-    assert swap_probability(sums, np.full(4, 2.0), False, rng) == np.mean(reached)
+    assert compare.swap_probability(sums, np.full(4, 2.0), False, rng) == np.mean(reached)
     small = recording(3)
-    found = compare(competitor('a', 0.3, 0, small), competitor('b', 0.1, 1, small))[1]
+    found = compare.compare(competitor('a', 0.3, 0, small), competitor('b', 0.1, 1, small))[1]
     assert found.p >= 0.25
     assert 'a and b, force_x: 3 groups: p cannot fall below 0.25' in found.sentences[0]
 
 
 def test_frames_that_one_alone_estimates_are_left_out_and_told() -> None:
     one, other = competitor('a', 0.1, 0), competitor('b', 0.1, 1, valid=np.arange(COUNT) >= 7)
-    found = compare(one, other)[1]
+    found = compare.compare(one, other)[1]
     assert (found.frames, found.single) == (COUNT - 7, (7, 0))
     assert found.sentences == ['a and b, force_x: 7 frames that only a estimates are not compared']
     with pytest.raises(ValueError, match='a and b estimate nothing in common'):
-        compare(one, replace(one, name='b', states=(ContactStates.assemble(COUNT, 2, {}),)))
+        compare.compare(
+            one, replace(one, name='b', states=(ContactStates.assemble(COUNT, 2, {}),))
+        )
 
 
 @pytest.mark.parametrize(
@@ -140,10 +134,10 @@ def test_frames_that_one_alone_estimates_are_left_out_and_told() -> None:
 def test_unequal_data_are_refused(changed: Recording | None, why: str) -> None:
     one = competitor('a', 0.1, 0)
     other = competitor('b', 0.1, 0, changed or recording())
-    other = other if changed else Competitor('b', one.recordings * 2, one.states * 2)
+    other = other if changed else compare.Competitor('b', one.recordings * 2, one.states * 2)
     wanted = f'^b must have the frames and the truth of a; it has {why}$'
     with pytest.raises(ValueError, match=wanted):
-        compare(one, other)
+        compare.compare(one, other)
 
 
 def test_estimators_are_judged_on_groups_that_they_did_not_learn() -> None:
@@ -152,9 +146,9 @@ def test_estimators_are_judged_on_groups_that_they_did_not_learn() -> None:
     rows = np.flatnonzero(~spatial.tare & (spatial.truth['position'][:, 0] > 0.0115))
     presses = spatial.select(np.sort(np.r_[rows - 1, rows]))
     loaded = [LoadedRecording('presses', presses)]
-    found = held_out('grid_knn', lambda: spec.pipeline(None, 'grid_knn'), loaded)
-    knows = judge('all', spec.pipeline(None, 'grid_knn').fit(presses), loaded)
-    (each,) = (one for one in compare(found, knows) if one.target == 'position')
+    found = compare.held_out('grid_knn', lambda: spec.pipeline(None, 'grid_knn'), loaded)
+    knows = compare.judge('all', spec.pipeline(None, 'grid_knn').fit(presses), loaded)
+    (each,) = (one for one in compare.compare(found, knows) if one.target == 'position')
     assert each.frames == len(rows)
     assert each.second < 0.8 * each.first  # a fit that knows the places errs less on them
     assert each.p < 0.01
@@ -168,7 +162,7 @@ def test_tares_of_a_bag_that_tells_no_rest_are_left_out_and_told() -> None:
         spatial, stamp_ns=10_000_000 * rows, sequence=rows, stream=0 * rows, tare=None, truth=truth
     )
     loaded = [LoadedRecording('bag', run, baselines=(Frame(0, 5, spatial.values[0]),))]
-    found = held_out('grid_knn', lambda: spec.pipeline(None, 'grid_knn'), loaded)
+    found = compare.held_out('grid_knn', lambda: spec.pipeline(None, 'grid_knn'), loaded)
     assert np.isfinite(found.states[0].position[:, 0]).all()
     untared = spec.pipeline(None, 'grid_knn').fit(run)
     assert '1 tares of the bag are left out' in replay(loaded[0], untared).problems[0]
@@ -179,16 +173,18 @@ def test_live_runs_are_compared_by_what_they_said() -> None:
     rows = np.arange(COUNT)
     live_run = LiveContacts(rows, one.states[0], rows)
     bag = LoadedRecording('sensor', one.recordings[0], live_run)
-    assert {each.p for each in compare(one, live('bag', [bag]))} == {1.0}
+    assert {each.p for each in compare.compare(one, compare.live('bag', [bag]))} == {1.0}
     named = replace(bag, label_names=('x', 'y', 'z'))  # their numbers are not known
-    assert [each.target for each in compare(one, live('bag', [named]))][-1] == 'force_z'
+    assert [each.target for each in compare.compare(one, compare.live('bag', [named]))][
+        -1
+    ] == 'force_z'
     with pytest.raises(RecordingError, match='bag holds no contacts of a live run'):
-        live('bag', [replace(bag, contacts=None)])
+        compare.live('bag', [replace(bag, contacts=None)])
 
 
 @pytest.mark.parametrize('name', ['out/a.svg', 'out/a.html'])
 def test_comparisons_are_drawn(name: str, tmp_path: Path) -> None:
-    found = compare(competitor('a<b>', 0.2, 1), competitor('c', 0.1, 2))
+    found = compare.compare(competitor('a<b>', 0.2, 1), competitor('c', 0.1, 2))
     text = write_comparison(tmp_path / name, found, 'tactile compare').read_text()
     assert 'Normal force' in text
     assert 'a&lt;b&gt;' in text

@@ -16,19 +16,6 @@ import pytest
 
 from reference import made_bags as make
 from tactile_ros.evaluation import fleet, recording_files, replay
-from tactile_ros.evaluation.fleet import (
-    Job,
-    Outcome,
-    add_first_tare,
-    evaluate,
-    evaluate_bag,
-    pooled,
-    run_job,
-    run_jobs,
-    save,
-    table,
-    with_first_tare,
-)
 from tactile_ros.evaluation.metrics import ROWS, frames_dropped
 from tactile_ros.evaluation.recording_files import ClassesChangedError, load, save_recording
 from tactile_ros.evaluation.report import Dataset, environment, for_drawing
@@ -53,32 +40,32 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def jobs_of(folder: Path, *names: str) -> list[Job]:
+def jobs_of(folder: Path, *names: str) -> list[fleet.Job]:
     calibrations = (str(folder / 'a.npz'), str(folder / 'b.npz'))
-    return [Job(str(folder / name), calibrations) for name in names]
+    return [fleet.Job(str(folder / name), calibrations) for name in names]
 
 
 def test_a_failed_recording_is_an_outcome_and_the_rest_is_merged(folder: Path) -> None:
     heard: list[str] = []
     jobs = jobs_of(folder, 'one', 'broken', 'two', 'rows.npz', 'missing', 'more.npz')
-    found = run_jobs(jobs, done=lambda outcome: heard.append(outcome.job.recording))
+    found = fleet.run_jobs(jobs, done=lambda outcome: heard.append(outcome.job.recording))
     assert heard == [job.recording for job in jobs]
     assert [bool(outcome.failure) for outcome in found] == [False, True, False, False, True, False]
     assert 'holds no bag' in found[1].failure
     assert 'does not exist' in found[4].failure
-    whole = pooled(found)
+    whole = fleet.pooled(found)
     assert whole.frames == 40 + 28 + 200 + 100
     assert whole.dropped == 2
     assert [answer.calibration for answer in whole.answers] == ['a', 'b']
     twice = replace(jobs[0], calibrations=(str(folder / 'a.npz'), str(folder / 'again' / 'a.npz')))
     (folder / 'again').mkdir(exist_ok=True)
     shutil.copy(*twice.calibrations)
-    (one,) = run_job(twice).results
+    (one,) = fleet.run_job(twice).results
     assert [answer.calibration for answer in one.answers] == list(twice.calibrations)
-    columns, rows = table(found)
+    columns, rows = fleet.table(found)
     assert len(rows) == 5 * 2
     assert {row[columns.index('calibration')] for row in rows} == {'a', 'b'}
-    text, arrays = save(folder / 'saved', found, 'tactile replay', environment())
+    text, arrays = fleet.save(folder / 'saved', found, 'tactile replay', environment())
     document = json.loads(text.read_text())
     parts = [one['answers'][0]['targets']['position'] for one in document['recordings']]
     pool = document['all']['answers'][0]['targets']['position']
@@ -90,7 +77,7 @@ def test_a_failed_recording_is_an_outcome_and_the_rest_is_merged(folder: Path) -
         assert len(stored['bin_edges']) == len(stored['2/0/position']) - 1
 
 
-def numbers(outcomes: list[Outcome]) -> list[object]:
+def numbers(outcomes: list[fleet.Outcome]) -> list[object]:
     """Everything but times."""
     return [
         (one.name, one.frames, one.dropped, one.problems, answer.calibration, answer.hits,
@@ -106,16 +93,18 @@ def test_a_killed_process_gives_its_jobs_back_and_is_named(
     kill = signal.SIGKILL
     assert fleet._pool([kill], 1, heard.append, signal.raise_signal) == [kill]  # type: ignore[list-item]
     assert heard == []
-    jobs = [Job('deadly', ()), Job('good', ())]
+    jobs = [fleet.Job('deadly', ()), fleet.Job('good', ())]
 
-    def pool(asked: list[Job], workers: int, heard: Callable[[Outcome], None]) -> list[Job]:
+    def pool(
+        asked: list[fleet.Job], workers: int, heard: Callable[[fleet.Outcome], None]
+    ) -> list[fleet.Job]:
         if len(asked) > 1 or asked[0].recording == 'deadly':
             return asked  # the pool broke: nobody knows whose fault it was
-        heard(Outcome(asked[0]))
+        heard(fleet.Outcome(asked[0]))
         return []
 
     monkeypatch.setattr(fleet, '_pool', pool)
-    dead, good = run_jobs(jobs, workers=2)
+    dead, good = fleet.run_jobs(jobs, workers=2)
     assert dead.failure == 'deadly: the process that read it died'
     assert not good.failure
 
@@ -127,16 +116,16 @@ def test_a_dask_cluster_of_two_processes_finds_the_same(folder: Path) -> None:
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
     ) as cluster:
-        heard: list[Outcome] = []
+        heard: list[fleet.Outcome] = []
 
-        def done(outcome: Outcome) -> None:
+        def done(outcome: fleet.Outcome) -> None:
             if not heard:  # one of the two dies: its jobs go to the other
                 os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
             heard.append(outcome)
 
-        found = run_jobs(jobs, scheduler=cluster.scheduler_address, done=done)
+        found = fleet.run_jobs(jobs, scheduler=cluster.scheduler_address, done=done)
     assert len(heard) == len(jobs)
-    assert numbers(found) == numbers(run_jobs(jobs))
+    assert numbers(found) == numbers(fleet.run_jobs(jobs))
 
 
 STEP_NS = 20_000_000
@@ -181,7 +170,7 @@ def judged(path: Path, pipeline: Pipeline, **options: object) -> Dataset:
     clock = count(0, 1000)
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(replay, 'perf_counter_ns', lambda: next(clock))
-        (found,) = evaluate_bag(path, {'c': pipeline}, TRUTH, **options)
+        (found,) = fleet.evaluate_bag(path, {'c': pipeline}, TRUTH, **options)
     return found
 
 
@@ -220,7 +209,7 @@ def test_pieces_of_any_length_are_the_bag_in_memory(
     bag: Path, pipeline: Pipeline, in_pieces: Callable[[int, int], None], frames: int
 ) -> None:
     (loaded,) = load(bag, None, TRUTH).recordings
-    whole = for_drawing(evaluate(loaded, {'c': copy(pipeline)}))
+    whole = for_drawing(fleet.evaluate(loaded, {'c': copy(pipeline)}))
     in_pieces(frames, 300_000_000)
     pieces = for_drawing(judged(bag, pipeline))
     same(pieces, whole)
@@ -231,7 +220,7 @@ def test_pieces_of_any_length_are_the_bag_in_memory(
 
 
 def test_a_run_is_also_judged_after_its_first_tare_alone(bag: Path, pipeline: Pipeline) -> None:
-    both = add_first_tare(judged(bag, pipeline), judged(bag, pipeline, untared=True))
+    both = fleet.add_first_tare(judged(bag, pipeline), judged(bag, pipeline, untared=True))
     (answer,) = both.answers
     tared, untared = (one.target('position').spread for one in (answer, answer.untared))
     assert tared.count > 50
@@ -239,7 +228,7 @@ def test_a_run_is_also_judged_after_its_first_tare_alone(bag: Path, pipeline: Pi
     assert answer.untared.agreement is None
     assert answer.contact is not None  # truth says in_contact
     (loaded,) = load(bag, None, TRUTH).recordings
-    whole = evaluate(with_first_tare(loaded), {'c': copy(pipeline)}).answers[0]
+    whole = fleet.evaluate(fleet.with_first_tare(loaded), {'c': copy(pipeline)}).answers[0]
     assert whole.target('position').spread.mean == pytest.approx(untared.mean, rel=1e-9)
 
 
@@ -274,6 +263,6 @@ def test_a_run_that_learned_a_class_is_held_in_memory(pipeline: Pipeline, tmp_pa
     with pytest.raises(ClassesChangedError):
         judged(path, pipeline)
     pipeline.save(tmp_path / 'c.npz')
-    outcome = run_job(Job(str(path), (str(tmp_path / 'c.npz'),)))
+    outcome = fleet.run_job(fleet.Job(str(path), (str(tmp_path / 'c.npz'),)))
     assert outcome.failure == ''
     assert outcome.results[0].frames == 9

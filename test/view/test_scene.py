@@ -59,12 +59,8 @@ def scene(values: object, state: ContactState, layout: Layout = CHIPS) -> Simple
     return entity
 
 
-def xyz(vector: SimpleNamespace) -> list[float]:
-    return [vector.x, vector.y, vector.z]
-
-
-def rgb(thing: SimpleNamespace) -> list[float]:
-    return [thing.color.r, thing.color.g, thing.color.b]
+def parts(thing: SimpleNamespace, names: str = 'xyz') -> list[float]:
+    return [getattr(thing, name) for name in names]
 
 
 def along(arrow: SimpleNamespace) -> np.ndarray:
@@ -76,13 +72,13 @@ def along(arrow: SimpleNamespace) -> np.ndarray:
 
 def test_taxels_are_warmer_the_more_they_feel_and_grey_unread() -> None:
     shown = scene([[MOST, 0, 0], [0, 0, 0]], state())
-    assert [rgb(ball) for ball in shown.spheres] == [list(WARM), list(COLD)]
-    assert [xyz(ball.pose.position) for ball in shown.spheres] == PLACES.tolist()
+    assert [parts(ball.color, 'rgb') for ball in shown.spheres] == [list(WARM), list(COLD)]
+    assert [parts(ball.pose.position) for ball in shown.spheres] == PLACES.tolist()
     assert not shown.texts
     unread = scene([[np.nan, 0, 0], [0, 0, MOST]], state())
-    assert rgb(unread.spheres[0]) == list(GREY[:3])
+    assert parts(unread.spheres[0].color, 'rgb') == list(GREY[:3])
     (arrow,) = unread.arrows
-    assert xyz(arrow.pose.position) == PLACES[1].tolist()
+    assert parts(arrow.pose.position) == PLACES[1].tolist()
 
 
 def test_fields_are_arrows_in_the_axes_of_the_sensor() -> None:
@@ -96,14 +92,14 @@ def test_fields_are_arrows_in_the_axes_of_the_sensor() -> None:
 def test_contacts_have_two_sigmas_and_forces_that_are_red_where_they_slip() -> None:
     shown = scene(np.zeros((2, 3)), TOUCHED)
     ball, force = shown.spheres[-1], shown.arrows[-1]
-    assert xyz(ball.pose.position) == [1e-3, 2e-3, 0.0]
-    assert xyz(ball.size) == pytest.approx([4e-3, 8e-3, 1.2e-3])
+    assert parts(ball.pose.position) == [1e-3, 2e-3, 0.0]
+    assert parts(ball.size) == pytest.approx([4e-3, 8e-3, 1.2e-3])
     assert along(force) == pytest.approx([0.0, 0.0, 2 * METRES_PER_NEWTON])
-    assert rgb(force) == list(FORCE[:3])
+    assert parts(force.color, 'rgb') == list(FORCE[:3])
     bare = state(position=[0.0, 0.0, 0.0], in_contact=np.int8(0), force=[0.0, 0.0, 0.0])
     assert len(scene(np.zeros((2, 3)), bare).spheres) == 2
     slips = scene(np.zeros((2, 3)), state(force=[0.0, 1.0, 1.0], slip=np.int8(1), label=3))
-    assert rgb(slips.arrows[-1]) == list(SLIPPING[:3])
+    assert parts(slips.arrows[-1].color, 'rgb') == list(SLIPPING[:3])
     assert [text.text for text in slips.texts] == ['label 3, slips']
 
 
