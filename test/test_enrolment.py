@@ -8,41 +8,25 @@ import numpy as np
 import pytest
 
 from reference import enrolled_skin
-from tactile_ros.enrolment import (
-    BLOCK,
-    LONGEST,
-    REST_S,
-    TARE_S,
-    Press,
-    PressWatch,
-    Programme,
-    Touches,
-    growing_loads,
-    learn,
-    playing,
-    recorded,
-    recording_of,
-    thinned,
-    window_of,
-)
+from tactile_ros import enrolment
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import Frame, Layout
 
 PLACES = np.array([[1.0, 0, 0], [2.0, 0, 0], [3.0, 0, 0]])
-PROGRAMME = Programme(PLACES, np.array([[0, 0, 1.0], [0, 0, 2.0], [0.5, 0, 3.0]]))
+PROGRAMME = enrolment.Programme(PLACES, np.array([[0, 0, 1.0], [0, 0, 2.0], [0.5, 0, 3.0]]))
 LAYOUT = Layout(np.zeros((2, 3)), ('a',), '1', rate_hz=100.0)
 
 
-def reading(touches: Touches) -> np.ndarray:
+def reading(touches: enrolment.Touches) -> np.ndarray:
     return np.repeat(touches.force[:, None, 2:], 2, axis=1)
 
 
-def truth(touches: Touches) -> dict[str, np.ndarray]:
+def truth(touches: enrolment.Touches) -> dict[str, np.ndarray]:
     return {'position': touches.position, 'force': touches.force}
 
 
 def test_rest_rise_hold_fall_pause_and_again() -> None:
-    second = REST_S + PROGRAMME.period_s
+    second = enrolment.REST_S + PROGRAMME.period_s
     times = np.array([0.0, 0.9, second + 0.15, second + 0.5, second + 0.8, second + 1.0])
     touches = PROGRAMME.at(times)
     assert touches.press.tolist() == [-1, -1, 1, 1, 1, -1]
@@ -51,48 +35,50 @@ def test_rest_rise_hold_fall_pause_and_again() -> None:
     np.testing.assert_array_equal(touches.position[3], PLACES[1])
     again = PROGRAMME.at(times + 3 * PROGRAMME.duration_s)
     np.testing.assert_allclose(again.force, touches.force, atol=1e-9)
-    assert PROGRAMME.duration_s == pytest.approx(REST_S + 3 * PROGRAMME.period_s)
+    assert PROGRAMME.duration_s == pytest.approx(enrolment.REST_S + 3 * PROGRAMME.period_s)
 
 
 def test_recorded_is_the_programme_in_blocks_with_truth_noise_and_limits() -> None:
     seen = []
 
-    def watched_reading(touches: Touches) -> np.ndarray:
+    def watched_reading(touches: enrolment.Touches) -> np.ndarray:
         seen.append(len(touches.press))
         return reading(touches)
 
     fast = Layout(np.zeros((2, 3)), ('a',), '1', rate_hz=500.0)
-    plain = recorded(fast, PROGRAMME, watched_reading, truth, 0.0, seed=7)
-    assert max(seen) == BLOCK
+    plain = enrolment.recorded(fast, PROGRAMME, watched_reading, truth, 0.0, seed=7)
+    assert max(seen) == enrolment.BLOCK
     touched = plain.truth['in_contact'] == 1
     assert len(plain) == round(500 * PROGRAMME.duration_s)
-    assert plain.tare.sum() == round(500 * TARE_S)
+    assert plain.tare.sum() == round(500 * enrolment.TARE_S)
     assert not (plain.tare & touched).any()
     assert (np.diff(plain.stamp_ns) == 2_000_000).all()
     np.testing.assert_array_equal(plain.values[:, 1, 0], plain.truth['force'][:, 2])
     assert not plain.truth['force'][~touched].any()
     assert set(plain.truth['repetition'][touched]) == {0, 1, 2}
     assert set(plain.truth['session']) == {7}
-    one, same, other = (recorded(fast, PROGRAMME, reading, truth, 0.1, s) for s in (1, 1, 2))
+    one, same, other = (
+        enrolment.recorded(fast, PROGRAMME, reading, truth, 0.1, s) for s in (1, 1, 2)
+    )
     np.testing.assert_array_equal(one.values, same.values)
     assert (one.values != other.values).any()
     assert abs((one.values - plain.values).std() - 0.1) < 0.01
-    clipped = recorded(fast, PROGRAMME, reading, truth, 0.1, 1, (0.0, 1.0))
+    clipped = enrolment.recorded(fast, PROGRAMME, reading, truth, 0.1, 1, (0.0, 1.0))
     assert (clipped.values.min(), clipped.values.max()) == (0.0, 1.0)
 
 
 def test_recordings_are_played_in_a_circle_and_thinned() -> None:
-    recording = recorded(LAYOUT, PROGRAMME, reading, truth, 0.0, seed=0)
-    signal, last = playing(recording), len(recording) - 1
+    recording = enrolment.recorded(LAYOUT, PROGRAMME, reading, truth, 0.0, seed=0)
+    signal, last = enrolment.playing(recording), len(recording) - 1
     for row in (0, 150, last, last + 151):
         np.testing.assert_array_equal(signal(row / 100.0), recording.values[row % (last + 1)])
-    thin = thinned(recording, 20.0)
+    thin = enrolment.thinned(recording, 20.0)
     assert (len(thin), thin.tare.sum()) == (-(-len(recording) // 5), 10)
-    assert len(thinned(recording, 1000.0)) == len(recording)
+    assert len(enrolment.thinned(recording, 1000.0)) == len(recording)
 
 
 def test_loads_grow_within_their_bounds() -> None:
-    loads = growing_loads(60, 1.0, 10.0, np.random.default_rng(0))
+    loads = enrolment.growing_loads(60, 1.0, 10.0, np.random.default_rng(0))
     assert loads.min() >= 1.0
     assert loads.max() <= 10.0
     assert (np.diff(loads[:6]) > 0).all()
@@ -101,9 +87,11 @@ def test_loads_grow_within_their_bounds() -> None:
 BASE = np.full((2, 3), 5.0)
 
 
-def watched(contact: list[int], size: list[float], window: int = 3) -> list[tuple[int, Press]]:
+def watched(
+    contact: list[int], size: list[float], window: int = 3
+) -> list[tuple[int, enrolment.Press]]:
     """Presses with the frame at which each ended."""
-    watch = PressWatch(window)
+    watch = enrolment.PressWatch(window)
     found = []
     for i, (touch, far) in enumerate(zip(contact, size, strict=True)):
         press = watch(Frame(10 * i, i, BASE + far), touch, BASE)
@@ -111,7 +99,7 @@ def watched(contact: list[int], size: list[float], window: int = 3) -> list[tupl
     return found
 
 
-HELD = LONGEST * 3
+HELD = enrolment.LONGEST * 3
 
 
 @pytest.mark.parametrize(
@@ -144,12 +132,12 @@ def test_frames_that_nobody_can_judge_belong_to_the_press() -> None:
 
 def test_sensors_without_classes_learn_none() -> None:
     with pytest.raises(ValueError, match='learns no classes'):
-        window_of(load_sensor('gradiometer').pipeline())
+        enrolment.window_of(load_sensor('gradiometer').pipeline())
 
 
 def test_each_press_is_a_stream_after_its_baseline() -> None:
     presses = [press for _, press in watched([0, 1, 1, 1, 0, 1, 1, 1, 0], [0, 1, 2, 3] * 2 + [0])]
-    made = recording_of(Layout(np.zeros((2, 3)), ('Bx', 'By', 'Bz'), 'T'), presses)
+    made = enrolment.recording_of(Layout(np.zeros((2, 3)), ('Bx', 'By', 'Bz'), 'T'), presses)
     np.testing.assert_array_equal(made.tare, [True, False, False, False] * 2)
     np.testing.assert_array_equal(made.stream, [0] * 4 + [1] * 4)
     np.testing.assert_array_equal(made.values[made.tare], [BASE, BASE])
@@ -165,7 +153,7 @@ def test_a_class_states_what_it_costs_and_is_refused_where_it_is_too_much(
     noise = 4e-6 * np.random.default_rng(9).normal(size=known.values.shape)
     test = replace(known, values=known.values + noise)
     label = pipeline.process_batch(test).label
-    said = learn(pipeline, 'mug', enrolled_skin.new_head().select(slice(0, 80 + 3 * 96)))
+    said = enrolment.learn(pipeline, 'mug', enrolled_skin.new_head().select(slice(0, 80 + 3 * 96)))
     assert "'mug' learned from 3 presses; it takes 0 % of 8 known presses, 31.2 % at most" in said
     stated = pipeline.report['enrolled mug']
     # many windows of one press are one press: nothing lost of eight says little
@@ -179,4 +167,4 @@ def test_a_class_states_what_it_costs_and_is_refused_where_it_is_too_much(
     assert pipeline.digest == before
     # presses of heads that are known already, under another name
     with pytest.raises(ValueError, match='must take at most'):
-        learn(pipeline, 'again', known)
+        enrolment.learn(pipeline, 'again', known)

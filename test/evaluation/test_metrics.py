@@ -9,49 +9,36 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tactile_ros.evaluation.metrics import (
-    ONE_SIGMA,
-    ContactErrors,
-    confusion,
-    contact_errors,
-    coverage,
-    frames_dropped,
-    given_targets,
-    place_groups,
-    spread,
-    tare_age,
-    target_errors,
-    unjudged,
-)
+from tactile_ros.evaluation import metrics
 from tactile_ros.types import ContactStates, Layout, Recording
 
 
 def test_rows_of_a_confusion_are_true_cells() -> None:
     true, said = np.array([0, 0, 0, 1, 1]), np.array([0, 0, 2, 1, -1])
     wanted = [[200 / 3, 0, 100 / 3], [0, 50, 0], [np.nan] * 3]
-    np.testing.assert_allclose(confusion(said, true, 3), wanted)
+    np.testing.assert_allclose(metrics.confusion(said, true, 3), wanted)
 
 
 def test_coverage_accepts_true_covariances_alone() -> None:
     rng = np.random.default_rng(2)
     error, groups = rng.normal(0, 2, 4000), np.repeat(np.arange(400), 10)
-    honest = coverage(error, np.full(4000, 4.0), groups)
-    assert honest.share == pytest.approx(ONE_SIGMA, abs=0.03)
+    honest = metrics.coverage(error, np.full(4000, 4.0), groups)
+    assert honest.share == pytest.approx(metrics.ONE_SIGMA, abs=0.03)
     assert honest.honest
     assert (honest.count, honest.groups) == (4000, 400)
-    assert not coverage(error, np.full(4000, 1.0), groups).honest
-    assert not coverage(error, np.full(4000, 16.0), groups).honest
+    assert not metrics.coverage(error, np.full(4000, 1.0), groups).honest
+    assert not metrics.coverage(error, np.full(4000, 16.0), groups).honest
     unknown = np.where(np.arange(4000) < 3000, 4.0, np.nan)  # no covariance, no judgement
-    assert coverage(error, unknown, groups).count == 3000
-    assert math.isnan(coverage(error, np.full(4000, np.nan), groups).share)
+    assert metrics.coverage(error, unknown, groups).count == 3000
+    assert math.isnan(metrics.coverage(error, np.full(4000, np.nan), groups).share)
 
 
 def test_few_groups_widen_what_is_accepted_to_the_binomial_interval() -> None:
-    found = coverage(np.zeros(30), np.ones(30), np.repeat(np.arange(10), 3))
-    ends = stats.binom.ppf((0.025, 0.975), 10, ONE_SIGMA) / 10
+    found = metrics.coverage(np.zeros(30), np.ones(30), np.repeat(np.arange(10), 3))
+    ends = stats.binom.ppf((0.025, 0.975), 10, metrics.ONE_SIGMA) / 10
     assert (found.low, found.high) == pytest.approx(ends)
-    many = coverage(np.zeros(10_000), np.ones(10_000), np.arange(10_000))
-    assert (many.low, many.high) == (ONE_SIGMA - 0.05, ONE_SIGMA + 0.05)
+    many = metrics.coverage(np.zeros(10_000), np.ones(10_000), np.arange(10_000))
+    assert (many.low, many.high) == (metrics.ONE_SIGMA - 0.05, metrics.ONE_SIGMA + 0.05)
 
 
 LAYOUT = Layout(np.zeros((5, 3)), ('Bx', 'By', 'Bz'), 'T')
@@ -63,8 +50,10 @@ def unjudged_in(truth: Known, estimates: Known) -> tuple[str, ...]:
     """Sentences about four frames with some truth and some estimates."""
     recording = Recording.from_arrays(LAYOUT, np.zeros((4, 5, 3)), truth=truth)
     states = ContactStates.assemble(4, 5, {'valid': np.ones(4, bool), **estimates})
-    counts = {target.name: target.spread.count for target in target_errors(recording, states)}
-    return unjudged('ridge', counts, given_targets(states))
+    counts = {
+        target.name: target.spread.count for target in metrics.target_errors(recording, states)
+    }
+    return metrics.unjudged('ridge', counts, metrics.given_targets(states))
 
 
 def axis(number: int, rows: slice = slice(None)) -> np.ndarray:
@@ -99,9 +88,9 @@ def test_spread_against_plain_sums() -> None:
     percentiles = statistics.quantiles(known, n=100, method='inclusive')
     rms = math.sqrt(statistics.fmean(x * x for x in known))
     wanted = [statistics.fmean(known), rms, *(percentiles[k] for k in (49, 94, 98)), max(known)]
-    assert astuple(spread(values)) == pytest.approx((len(known), *wanted), rel=1e-12)
-    assert spread([math.nan]).count == 0
-    assert math.isnan(spread([]).mean)
+    assert astuple(metrics.spread(values)) == pytest.approx((len(known), *wanted), rel=1e-12)
+    assert metrics.spread([math.nan]).count == 0
+    assert math.isnan(metrics.spread([]).mean)
 
 
 def test_errors_of_position_and_force_against_plain_loops() -> None:
@@ -122,7 +111,7 @@ def test_errors_of_position_and_force_against_plain_loops() -> None:
         'force': push, 'force_cov': np.tile(0.01 * np.eye(3), (count, 1, 1)),
         'valid': np.arange(count) != 11,
     })  # fmt: skip
-    place_error, push_error = target_errors(recording, states)
+    place_error, push_error = metrics.target_errors(recording, states)
     rows = [k for k in range(count) if k not in (7, 9, 11)]
     sizes = [math.hypot(*(guess[k, :2] - position[k, :2])) for k in rows]
     assert place_error.spread.mean == pytest.approx(sum(sizes) / len(sizes), rel=1e-12)
@@ -135,22 +124,26 @@ def test_errors_of_position_and_force_against_plain_loops() -> None:
     assert push_error.spread.rms == pytest.approx(math.sqrt(sum(squares) / 30), rel=1e-12)
     assert push_error.rows.tolist() == list(range(0, count, 2))
     blind = Recording.from_arrays(LAYOUT, recording.values)
-    assert target_errors(blind, states) == ()
+    assert metrics.target_errors(blind, states) == ()
 
 
 def test_places_that_do_not_repeat_give_way_to_other_groups() -> None:
     plane = np.array([[0.0, 0.0], [0.0, 1e-6], [1e-3, 0.0], [1e-3, 0.0], [np.nan, 0.0]])
     otherwise = np.arange(5)
-    assert place_groups(plane, otherwise).tolist() == [0, 0, 1, 1, -1]
+    assert metrics.place_groups(plane, otherwise).tolist() == [0, 0, 1, 1, -1]
     lone = np.column_stack([np.arange(5.0), np.zeros(5)])
-    assert place_groups(lone, otherwise) is otherwise
+    assert metrics.place_groups(lone, otherwise) is otherwise
 
 
 def test_dropped_frames_are_gaps_inside_streams() -> None:
     sequence = np.array([5, 6, 9, 10, 0, 1, 4])
     restarts = np.array([True, False, False, False, True, False, False])
-    assert frames_dropped(sequence, restarts) == 2 + 2
-    assert frames_dropped(None, restarts) == frames_dropped(sequence[:1], restarts[:1]) == 0
+    assert metrics.frames_dropped(sequence, restarts) == 2 + 2
+    assert (
+        metrics.frames_dropped(None, restarts)
+        == metrics.frames_dropped(sequence[:1], restarts[:1])
+        == 0
+    )
 
 
 def test_contact_is_judged_at_rest_by_force_and_at_its_end() -> None:
@@ -162,13 +155,13 @@ def test_contact_is_judged_at_rest_by_force_and_at_its_end() -> None:
         truth={'force': force},
     )  # fmt: skip
     states = ContactStates.assemble(12, 5, {'in_contact': told, 'force': force})
-    found = contact_errors(recording, states)
+    found = metrics.contact_errors(recording, states)
     assert found.touched.tolist() == [*[False] * 2, *[True] * 3, *[False] * 3, True, False]
     assert found.contact_at_rest == 50.0  # of 6 frames
     assert found.found == 75.0
     np.testing.assert_allclose(found.table, [[100 / 3, 50], [25, 75]])
     assert found.release_s == pytest.approx([0.2])  # a tare is no release
-    twice = ContactErrors.pool([found, found])
+    twice = metrics.ContactErrors.pool([found, found])
     assert (twice.found, len(twice.release_s)) == (75.0, 2)
-    assert contact_errors(recording, ContactStates.assemble(12, 5, {})) is None
-    np.testing.assert_allclose(tare_age(recording)[9:], [np.nan, 0.0, 0.1])
+    assert metrics.contact_errors(recording, ContactStates.assemble(12, 5, {})) is None
+    np.testing.assert_allclose(metrics.tare_age(recording)[9:], [np.nan, 0.0, 0.1])
