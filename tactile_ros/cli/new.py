@@ -32,29 +32,6 @@ KEY = re.compile(r'[a-z][a-z0-9]*(_[a-z0-9]+)*')
 LONGEST_KEY, MOST_TAXELS = 40, 256
 BAUDS = ((28, 115_200), (249, 1_000_000), (MOST_TAXELS, 2_000_000))  # carry 80 lines a second
 
-LINES = '''\
-@dataclass(frozen=True)
-class ${name}Connection(LineConnection):
-    """A board that prints a line such as "12,0,513,..." for each frame, row by row."""
-
-    baud: int = fields.whole($baud, 'baud rate; native USB ignores it', 1200, 12_000_000)
-    scale: float = fields.number(1 / FULL_COUNT, 'share of the range for each printed count')
-'''
-FRAMES = '''\
-@dataclass(frozen=True)
-class ${name}Connection(FramedConnection):
-    """A board that sends the framed protocol, taxels of 10 bits, row by row."""
-
-    def payload(self, layout: Layout) -> Payload:
-        """Counts of all taxels."""
-        return taxel_matrix(layout.shape[0], FULL_COUNT)
-
-    def scale(self) -> float:
-        """Share of the range for each count."""
-        return 1 / FULL_COUNT
-'''
-SENSOR = Template(Path(__file__).with_name('new_sensor.txt').read_text('utf-8'))
-
 
 def shape(text: str) -> tuple[int, int]:
     """Rows and columns, as in 4x4."""
@@ -109,9 +86,14 @@ def sensor(key: str, rows: int, columns: int, *, lines: bool) -> str:
     name = key.title().replace('_', '')
     baud = next(baud for most, baud in BAUDS if rows * columns <= most)
     framed = '\nfrom tactile_ros.devices.framed_protocol import Payload, taxel_matrix'
-    connection = Template(LINES if lines else FRAMES).substitute(name=name, baud=f'{baud:_}')
-    return SENSOR.substitute(
+    template = _template('lines' if lines else 'frames')
+    connection = template.substitute(name=name, baud=f'{baud:_}')
+    return _template('sensor').substitute(
         key=key, name=name, rows=rows, columns=columns, connection=connection,
         kind='LineConnection' if lines else f'FramedConnection{framed}',
         transport='serial: text lines' if lines else 'serial: framed protocol, taxels of 10 bits',
     )  # fmt: skip
+
+
+def _template(part: str) -> Template:
+    return Template(Path(__file__).with_name(f'new_{part}.txt').read_text('utf-8'))
