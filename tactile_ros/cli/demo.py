@@ -323,8 +323,7 @@ def _evaluated(
 ) -> Dataset:
     """Answers of every pipeline, of which the first one made the live run."""
     named = {str(i): one for i, one in enumerate(pipelines)}
-    once = fleet.evaluate(fleet.with_first_tare(loaded), named)
-    found = fleet.add_first_tare(fleet.evaluate(loaded, named), once)
+    found = fleet.evaluate(loaded, named, untared=True)
     first, *others = found.answers
     others = [replace(one, agreement=None, problems=()) for one in others]
     return replace(

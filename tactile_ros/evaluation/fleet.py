@@ -121,11 +121,14 @@ class _Collected:
 class Evaluation:
     """Pipelines that are judged on one sensor, piece by piece.
 
-    `first` is the first piece, or all of it; pipelines are named by their calibrations. Raises
+    `first` is the first piece, or all of it; pipelines are named by their calibrations, and judged
+    once more as if the run had been tared at its beginning alone where `untared`. Raises
     RecordingError if no pipeline is of its shape.
     """
 
-    def __init__(self, first: LoadedRecording, pipelines: Mapping[str, Pipeline]) -> None:
+    def __init__(
+        self, first: LoadedRecording, pipelines: Mapping[str, Pipeline], untared: bool = False
+    ) -> None:
         self._layout = first.recording.layout
         shape = self._layout.shape
         self._answers = {
@@ -136,6 +139,7 @@ class Evaluation:
         if not self._answers:
             msg = f'{first.name} has {shape} taxels and channels, which no calibration is for'
             raise RecordingError(msg)
+        self._untared = Evaluation(with_first_tare(first), pipelines) if untared else None
         self._lengths: list[int] = []
         self._tares_ns: list[int] = []  # of the live run
         self._latency: list[Array] = [np.zeros(0)]
@@ -143,6 +147,8 @@ class Evaluation:
     def add(self, piece: LoadedRecording) -> None:
         """Judge one more piece."""
         recording, live = piece.recording, piece.contacts
+        if self._untared is not None:
+            self._untared.add(with_first_tare(piece, first=not self._lengths))
         for one in self._answers.values():
             one.add(piece)
         self._tares_ns += [b.stamp_ns or 0 for b in piece.baselines if b.averaged]
@@ -167,6 +173,9 @@ class Evaluation:
             counts = {target.name: target.spread.count for target in one.targets}
             blind += metrics.unjudged(one.name, counts, metrics.given_targets(states))
             answers.append(one)
+        if self._untared is not None:
+            pairs = zip(answers, self._untared.result(with_first_tare(whole)).answers, strict=True)
+            answers = [replace(one, untared=other) for one, other in pairs]
         alone = whole.name in ('sensor', source, source.rpartition('.')[0])
         agreements = [one.agreement for one in answers if one.agreement is not None]
         return Dataset(
@@ -191,12 +200,6 @@ def with_first_tare(piece: LoadedRecording, *, first: bool = True) -> LoadedReco
     return replace(piece, recording=recording, baselines=baselines, contacts=None, calibrations=())
 
 
-def add_first_tare(tared: Dataset, untared: Dataset) -> Dataset:
-    """Results of a run with those of the same after its first tare alone."""
-    pairs = zip(tared.answers, untared.answers, strict=True)
-    return replace(tared, answers=tuple(replace(one, untared=other) for one, other in pairs))
-
-
 def as_answered(whole: LoadedRecording, pipeline: Pipeline) -> Columns:
     """Truth whose labels came as text, numbered as the pipeline numbers its classes."""
     truth, names, classes = whole.recording.truth, whole.label_names, pipeline.label_names
@@ -219,18 +222,17 @@ def evaluate_bag(
     """Judge every sensor of a bag, piece by piece.
 
     Path, topics, association and layout are as of `recording_files.Bag`; each pipeline judges the
-    sensors of its shape, with `untared` as if the run had been tared once.
+    sensors of its shape, with `untared` as of `Evaluation`.
     Raises ClassesChangedError if classes came and went in the run, which is repeated in a bag that
     is held as a whole, and RecordingError if there is no bag, no frame that could be read, or no
     pipeline for any sensor.
     """
     bag = Bag(path, layout, truth_topics, association, wanted=JUDGED)
     evaluations: dict[str, Evaluation] = {}
-    for space, heard in bag:
-        piece = with_first_tare(heard, first=space not in evaluations) if untared else heard
+    for space, piece in bag:
         try:
             if space not in evaluations and space not in bag.left_out:
-                evaluations[space] = Evaluation(piece, pipelines)
+                evaluations[space] = Evaluation(piece, pipelines, untared)
         except RecordingError as err:
             bag.left_out[space] = str(err)
         if space in evaluations:
@@ -248,10 +250,11 @@ def evaluate_bag(
 
 
 def evaluate(
-    loaded: LoadedRecording, pipelines: Mapping[str, Pipeline], source: str = ''
-) -> Dataset:
+    loaded: LoadedRecording, pipelines: Mapping[str, Pipeline], source: str = '', *,
+    untared: bool = False,
+) -> Dataset:  # fmt: skip
     """Judge a recording that is in memory as a whole; parameters as of `evaluate_bag`."""
-    evaluation = Evaluation(loaded, pipelines)
+    evaluation = Evaluation(loaded, pipelines, untared)
     evaluation.add(loaded)
     return evaluation.result(loaded, source)
 
@@ -271,17 +274,14 @@ def _opened(path: str, changed_ns: int, thread: int) -> Pipeline:
 def run_job(job: Job) -> Outcome:
     """Do one job; a failure is an outcome and not raised."""
     try:
-        results = _results(job, untared=False)
-        if job.untared:
-            results = [*map(add_first_tare, results, _results(job, untared=True))]
-        return Outcome(job, tuple(results))
+        return Outcome(job, tuple(_results(job)))
     except (TactileError, ValueError, OSError) as err:
         return Outcome(job, failure=str(err))
     except Exception as err:  # whatever a recording makes of the evaluation
         return Outcome(job, failure=f'{job.recording}: {type(err).__name__}: {err}')
 
 
-def _results(job: Job, *, untared: bool) -> list[Dataset]:
+def _results(job: Job) -> list[Dataset]:
     stems = [Path(path).stem for path in job.calibrations]
     pipelines = {}
     for path, stem in zip(job.calibrations, stems, strict=True):
@@ -293,8 +293,7 @@ def _results(job: Job, *, untared: bool) -> list[Dataset]:
         shipped = load_sensor(first.sensor).recordings()
         if job.recording in shipped:
             one = LoadedRecording(job.recording, shipped[job.recording])
-            one = with_first_tare(one) if untared else one
-            return [evaluate(one, pipelines, job.recording)]
+            return [evaluate(one, pipelines, job.recording, untared=job.untared)]
         names = ', '.join(shipped) or 'none'
         msg = f'{file} does not exist, and {first.sensor} ships only {names}'
         raise RecordingError(msg)
@@ -303,10 +302,9 @@ def _results(job: Job, *, untared: bool) -> list[Dataset]:
     if file.suffix not in IN_MEMORY:
         with suppress(ClassesChangedError):
             topics, layout = job.truth_topics, first.layout
-            return evaluate_bag(file, pipelines, topics, truth, layout, untared=untared)
+            return evaluate_bag(file, pipelines, topics, truth, layout, untared=job.untared)
     loaded = load(file, first.layout, job.truth_topics, truth).recordings
-    each = map(with_first_tare, loaded) if untared else loaded
-    return [evaluate(one, pipelines, file.name) for one in each]
+    return [evaluate(one, pipelines, file.name, untared=job.untared) for one in loaded]
 
 
 def run_jobs(
