@@ -30,10 +30,12 @@ from tactile_ros.evaluation import fleet
 from tactile_ros.evaluation.bag import write_recording
 from tactile_ros.evaluation.guided import (
     FOLDS,
+    UNKNOWN,
     HeldOut,
     Phase,
     PressGuide,
     Target,
+    Truth,
     grid_of,
     held_out,
     joined,
@@ -44,11 +46,10 @@ from tactile_ros.evaluation.report import Result, for_drawing, provenance, write
 from tactile_ros.files import temporary_folder, write_atomically
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import SensorSpec
-from tactile_ros.types import Array, Closing, Frame, Layout, Recording, SensorConfig
+from tactile_ros.types import Array, Frame, Layout, Recording, SensorConfig
 from tactile_ros.view.page_server import PageServer
 
 G = 9.80665  # m/s2
-UNKNOWN = np.full(3, np.nan)
 READ_S, SCALE_S, LOOK_S = 1.0, 0.5, 0.1
 PRESSES, ROUND, LEAST = 24, 8, 6  # of a plan; between two looks at the error; for the first look
 ROUNDS = 3  # in which places are pressed again
@@ -59,29 +60,6 @@ READING = re.compile(  # a number of another unit is none
 )
 SESSION = 'session.json'
 SOURCES = 'prompts, weights:50,100,200 (g), scale:PORT or topic:/NAME'
-
-
-class Truth(Closing):
-    """True force of a press: none here, only the places that were prompted."""
-
-    steady = True  # its forces count where a press is steady alone
-    loads: tuple[float, ...] = ()  # (N) to be laid on, in turn
-    columns: tuple[str, ...] = ()  # of the truth that it measures
-
-    def now(self) -> tuple[Array, Array | None]:
-        """Force (3,) (N) and place (3,) (m) now; None: that of the target."""
-        return UNKNOWN, None
-
-    def follow(self, phase: Phase, number: int | None) -> None:
-        """Take note of the phase and the number of the target."""
-
-    def silent(self, press: Recording) -> bool:
-        """Nothing came for a press from where something should come."""
-        columns = (press.truth.get(name, UNKNOWN) for name in self.columns)
-        return not all(np.isfinite(column).any() for column in columns)
-
-    def close(self) -> None:
-        """End."""
 
 
 class Weights(Truth):
@@ -132,29 +110,6 @@ class Scale(Truth):
         self._over = True
         self._thread.join()
         self._port.close()
-
-
-class Topics(Truth):
-    """Forces of a WrenchStamped and places of a PoseStamped, either as it is given."""
-
-    steady = False
-
-    def __init__(self, wrench: str, pose: str) -> None:
-        try:
-            from tactile_ros.nodes.truth_node import TruthTopics
-        except ImportError as error:
-            msg = 'topics need ROS 2; use weights, a scale or prompts, or set up with make'
-            raise errors.MissingPackageError(msg) from error
-        self.columns = ('force',) * bool(wrench) + ('position',) * bool(pose)
-        self._topics = TruthTopics(wrench, pose)
-
-    def now(self) -> tuple[Array, Array | None]:
-        """Newest of both."""
-        return self._topics.force, self._topics.place
-
-    def close(self) -> None:
-        """End the node."""
-        self._topics.close()
 
 
 class SimulatedPresses(Truth):
@@ -297,7 +252,12 @@ def truth_of(options: argparse.Namespace, simulated: SimulatedPresses | None) ->
     if kind == 'scale' and name:
         return Scale(name)
     if (kind == 'topic' and name) or options.pose:
-        return Topics(name if kind == 'topic' else '', options.pose)
+        try:
+            from tactile_ros.nodes.truth_node import TruthTopics
+        except ImportError as error:
+            msg = 'topics need ROS 2; use weights, a scale or prompts, or set up with make'
+            raise errors.MissingPackageError(msg) from error
+        return TruthTopics(name if kind == 'topic' else '', options.pose)
     if kind != 'prompts' or name:
         raise ValueError(f'--truth of --live must be {SOURCES}; received {options.truth[0]!r}')
     return Truth()

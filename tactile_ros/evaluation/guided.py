@@ -8,19 +8,25 @@ with the rest before it as its tare, so that drift between presses does no harm.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.types import Array, Bools, Frame, Integers, Layout, Recording, TaxelStatus, join
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from tactile_ros.pipeline import Pipeline
-    from tactile_ros.types import Columns
+from tactile_ros.pipeline import Pipeline
+from tactile_ros.types import (
+    Array,
+    Bools,
+    Closing,
+    Columns,
+    Frame,
+    Integers,
+    Layout,
+    Recording,
+    TaxelStatus,
+    join,
+)
 
 TARE_FRAMES = 20
 CHECK_FRAMES = 50
@@ -62,6 +68,29 @@ class Target:
 
     position: Array
     load: float = np.nan
+
+
+class Truth(Closing):
+    """Source of the true force of a press: none here, only the places that were prompted."""
+
+    steady = True  # its forces count where a press is steady alone
+    loads: tuple[float, ...] = ()  # (N) to be laid on, in turn
+    columns: tuple[str, ...] = ()  # of the truth that it measures
+
+    def now(self) -> tuple[Array, Array | None]:
+        """Force (3,) (N) and place (3,) (m) now; None: that of the target."""
+        return UNKNOWN, None
+
+    def follow(self, phase: Phase, number: int | None) -> None:
+        """Take note of the phase and the number of the target."""
+
+    def silent(self, press: Recording) -> bool:
+        """Nothing came for a press from where something should come."""
+        columns = (press.truth.get(name, UNKNOWN) for name in self.columns)
+        return not all(np.isfinite(column).any() for column in columns)
+
+    def close(self) -> None:
+        """End."""
 
 
 def grid_of(layout: Layout, count: int) -> Array:

@@ -16,11 +16,11 @@ from rclpy.qos import qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
+from tactile_ros.evaluation.guided import UNKNOWN, Truth
 from tactile_ros.messages import vector
-from tactile_ros.types import Array, Closing
+from tactile_ros.types import Array
 
 FRESH_S = 0.5  # that a message counts
-UNKNOWN = np.full(3, np.nan)
 
 
 def _fresh(came_s: float, value: Array) -> Array:
@@ -28,12 +28,14 @@ def _fresh(came_s: float, value: Array) -> Array:
     return value if time.monotonic() - came_s < FRESH_S else UNKNOWN
 
 
-class TruthTopics(Closing):
+class TruthTopics(Truth):
     """Newest force (3,) (N) and place (3,) (m) of the topics named; NaN once half a second old."""
 
+    steady = False
+
     def __init__(self, wrench: str, pose: str) -> None:
+        self.columns = ('force',) * bool(wrench) + ('position',) * bool(pose)
         self._force, self._place = (0.0, UNKNOWN), (0.0, UNKNOWN)  # with the time of arrival (s)
-        self._pose = bool(pose)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self._node = Node('tactile_truth')
         for topic, kind, take in (
@@ -47,15 +49,10 @@ class TruthTopics(Closing):
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
 
-    @property
-    def force(self) -> Array:
-        """Newest force."""
-        return _fresh(*self._force)
-
-    @property
-    def place(self) -> Array | None:
-        """Newest place; None without its topic."""
-        return _fresh(*self._place) if self._pose else None
+    def now(self) -> tuple[Array, Array | None]:
+        """Newest of both; None without the topic of the place."""
+        place = _fresh(*self._place) if 'position' in self.columns else None
+        return _fresh(*self._force), place
 
     def _spin(self) -> None:
         with suppress(ExternalShutdownException):
