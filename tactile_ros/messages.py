@@ -92,14 +92,8 @@ def _place(message: Message, name: str) -> Message:
     return message
 
 
-def is_valid(frame: Frame) -> bool:
-    """Every reading of the frame is finite and no taxel has a status bit."""
-    flagged = frame.status is not None and bool(np.any(frame.status))
-    return not flagged and bool(np.isfinite(frame.values).all())
-
-
 def fill_frame(message: Message, frame: Frame, frame_id: str) -> None:
-    """Write one reading into a fresh TactileFrame."""
+    """Write one reading into a fresh TactileFrame; valid: all is finite and no bit is set."""
     fill_header(message.header, frame.stamp_ns, frame_id)
     message.sequence = frame.sequence
     message.device_time_ns = frame.device_time_ns
@@ -107,9 +101,10 @@ def fill_frame(message: Message, frame: Frame, frame_id: str) -> None:
     message.values = packed(frame.values)
     if frame.temperature_c is not None:
         message.temperature_c = packed(frame.temperature_c)
-    if frame.status is not None and np.any(frame.status):
+    flagged = frame.status is not None and bool(np.any(frame.status))
+    if frame.status is not None and flagged:
         message.status = packed_bits(frame.status)
-    message.valid = is_valid(frame)
+    message.valid = not flagged and bool(np.isfinite(frame.values).all())
 
 
 def fill_baseline(message: Message, baseline: Frame, frame_id: str) -> None:

@@ -22,8 +22,9 @@ from urllib.parse import parse_qs, urlsplit
 import numpy as np
 
 from tactile_ros.errors import TactileError
+from tactile_ros.messages import Message
 from tactile_ros.types import Array, Closing, ContactState, Frame, FrameStatus, Layout, TaxelStatus
-from tactile_ros.view.viewer import HOST, GripMessage, Seen, grip_scalars, in_sensor_axes, sigma_of
+from tactile_ros.view.viewer import HOST, Seen, grip_scalars, in_sensor_axes, sigma_of
 
 Json = dict[str, object]
 
@@ -201,7 +202,7 @@ class PageServer(Closing):
             self._version += 1
             self._news.notify_all()
 
-    def grip(self, name: str, grip: GripMessage, stamp_ns: int) -> None:
+    def grip(self, name: str, grip: Message, stamp_ns: int) -> None:
         """Show the state of a grip."""
         with self._news:
             self._grips[name] = {'t': stamp_ns * 1e-9, **grip_scalars(grip)}

@@ -6,15 +6,16 @@ Foxglove and its free sibling Lichtblick connect to the server; nothing is drawn
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tactile_ros.errors import MissingPackageError, TactileError
+from tactile_ros.messages import Message
 from tactile_ros.types import Array, Closing, ContactState, Frame, Layout
 
 if TYPE_CHECKING:
@@ -184,20 +185,6 @@ class Scene:
         return self._messages.Pose(position=self._vector(place), orientation=orientation)
 
 
-class GripMessage(Protocol):
-    """Fields of a GripState message that are shown."""
-
-    phase: int
-    fingers: Sequence[str]
-    target_force: Sequence[float]
-    force: Sequence[float]
-    friction: Sequence[float]
-    slip_margin: Sequence[float]
-    limited: bool
-    refusal: str
-    input_age: float
-
-
 def state_scalars(state: ContactState) -> Scalars:
     """Every number of a state that a plot may show, by name: force_x, force_x_sigma, slip, ...
 
@@ -217,7 +204,7 @@ def state_scalars(state: ContactState) -> Scalars:
     return scalars
 
 
-def grip_scalars(grip: GripMessage) -> Scalars:
+def grip_scalars(grip: Message) -> Scalars:
     """Every number of a GripState by finger, its phase and why nothing was sent."""
     scalars: Scalars = {
         'phase': int(grip.phase), 'limited': int(grip.limited), 'refusal': str(grip.refusal),
@@ -309,7 +296,7 @@ class Viewer(Closing):
         self._log(f'{name}/scene', scene.update(state), stamp_ns, 'SceneUpdate')
         self._log(f'{name}/state', state_scalars(state), stamp_ns)
 
-    def grip(self, name: str, grip: GripMessage, stamp_ns: int) -> None:
+    def grip(self, name: str, grip: Message, stamp_ns: int) -> None:
         """Show the state of a grip."""
         self._log(f'{name}/grip', grip_scalars(grip), stamp_ns)
 
