@@ -195,43 +195,42 @@ class FrameViews:
     def __init__(self, node: Node, layout: Layout, magnetic_field: bool, image: bool) -> None:
         self._node, self._layout = node, layout
         self._grid = grid_of(layout)
-        self._fields: dict[int, Publisher] = {}
-        self._image: Publisher | None = None
+        self._publishers: dict[str, Publisher] = {}
         is_magnetic = layout.unit == 'T' and len(layout.channels) == 3
-        self._chips = range(len(layout.positions) if is_magnetic else 0)
+        chips = range(len(layout.positions) if is_magnetic else 0)
+        self._chips = {FIELD_TOPIC.format(i): i for i in chips}
         self.offer(magnetic_field, image)
 
     def offer(self, magnetic_field: bool = False, image: bool = False) -> None:
         """Make the publishers that are asked for, or that somebody has subscribed to."""
-        count = self._node.count_subscribers
-        names = {i: FIELD_TOPIC.format(i) for i in self._chips if i not in self._fields}
+        views = [(topic, MagneticField, magnetic_field) for topic in self._chips]
+        views += [(IMAGE_TOPIC, Image, image)] if self._grid is not None else []
         new = {
-            i: self._node.create_publisher(MagneticField, name, qos())
-            for i, name in names.items()
-            if magnetic_field or count(name)
+            topic: self._node.create_publisher(kind, topic, qos())
+            for topic, kind, asked in views
+            if topic not in self._publishers and (asked or self._node.count_subscribers(topic))
         }
         # never changed in place: another thread publishes
-        self._fields = {**self._fields, **new}
-        if self._grid is not None and self._image is None and (image or count(IMAGE_TOPIC)):
-            self._image = self._node.create_publisher(Image, IMAGE_TOPIC, qos())
+        self._publishers = {**self._publishers, **new}
 
     def close(self) -> None:
         """Remove the publishers."""
-        for publisher in [*self._fields.values(), *([self._image] if self._image else [])]:
+        for publisher in self._publishers.values():
             self._node.destroy_publisher(publisher)
-        self._fields, self._image = {}, None
+        self._publishers = {}
 
     def publish(self, frame: Frame, frame_id: str) -> None:
         """Publish a frame's views where somebody listens."""
-        heard = [i for i, p in self._fields.items() if p.get_subscription_count()]
-        if heard:
+        heard = {t: p for t, p in self._publishers.items() if p.get_subscription_count()}
+        if heard and self._chips:
             header, field = header_of(frame.stamp_ns, frame_id), self.sensor_axes(frame.values)
-        for i in heard:
-            message = MagneticField(header=header, magnetic_field_covariance=np.zeros(9))
-            messages.fill_vector(message.magnetic_field, field[i])
-            self._fields[i].publish(message)
-        if self._image is not None and self._image.get_subscription_count():
-            self._image.publish(image_of(frame, self._grid, frame_id))
+        for topic, publisher in heard.items():
+            if topic == IMAGE_TOPIC:
+                message = image_of(frame, self._grid, frame_id)
+            else:
+                message = MagneticField(header=header, magnetic_field_covariance=np.zeros(9))
+                messages.fill_vector(message.magnetic_field, field[self._chips[topic]])
+            publisher.publish(message)
 
     def sensor_axes(self, values: Array) -> Array:
         """Readings (t, 3) of chips turned from their own axes to the sensor's."""
