@@ -51,11 +51,16 @@ DAMAGE = (
 
 
 def write(path: str | Path, arrays: Mapping[str, npt.NDArray[np.generic]]) -> None:
-    """Write arrays of numbers and text to an .npz, atomically."""
-    buffer = io.BytesIO()
+    """Write the arrays of a calibration, with its schema and their digest, to an .npz."""
     about = {'schema': np.array(SCHEMA), 'sha256': np.array(digest(arrays))}
-    np.savez_compressed(buffer, **about, **dict(arrays))  # type: ignore[arg-type]
-    write_atomically(path, buffer.getvalue())
+    save_arrays(path, {**about, **arrays})
+
+
+def save_arrays(path: str | os.PathLike[str], arrays: Arrays) -> Path:
+    """Write arrays of numbers and text to one .npz, whole or not at all."""
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
+    return write_atomically(path, buffer.getvalue())
 
 
 def read(path: str | Path) -> Arrays:

@@ -21,6 +21,7 @@ from pathlib import Path
 from tactile_ros.calibration import MARK
 from tactile_ros.cli import console, guided
 from tactile_ros.errors import RecordingError
+from tactile_ros.evaluation.recording_files import find
 from tactile_ros.evaluation.replay import with_known_rests, with_tare_rows
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
@@ -88,11 +89,12 @@ def run(options: argparse.Namespace) -> int:
     loaded: list[Recording] = []
     for name in options.recordings:
         with console.working(f'reading {name}'):
-            found, problems = console.find(name, spec, spec.layout(config), options.truth)
-        for one in found:
+            found = find(name, spec, spec.layout(config), options.truth)
+        problems = found.sentences
+        for one in found.recordings:
             recording, problem = with_tare_rows(one)
             loaded.append(recording)
-            where = f'{one.name}: ' if len(found) > 1 else ''
+            where = f'{one.name}: ' if len(found.recordings) > 1 else ''
             problems += [where + problem] * bool(problem)
         aside = sys.stderr if options.json else sys.stdout
         console.note((f'{name}: {problem}' for problem in problems), aside)

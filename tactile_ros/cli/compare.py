@@ -21,11 +21,11 @@ import sys
 from functools import partial
 from pathlib import Path
 
-from tactile_ros.cli.console import add_overwrite, find, note, refuse_unwritable, show, working
+from tactile_ros.cli.console import add_overwrite, note, refuse_unwritable, show, working
 from tactile_ros.errors import plain
 from tactile_ros.evaluation import compare
 from tactile_ros.evaluation.fleet import open_calibration
-from tactile_ros.evaluation.recording_files import LoadedRecording, load
+from tactile_ros.evaluation.recording_files import LoadedRecording, find, load
 from tactile_ros.evaluation.report import PAGE_MARK, write_comparison
 from tactile_ros.evaluation.truth import DEFAULT_TRUTH
 from tactile_ros.sensors import load_sensor
@@ -92,9 +92,9 @@ def judged(options: argparse.Namespace) -> list[compare.Competitor]:
     loaded: list[LoadedRecording] = [*next(iter(bags.values()), ())] if not options.on else []
     for name in options.on or ():
         with working(f'reading {name}'):
-            recordings, problems = find(name, spec, layout, truth)
-        loaded += recordings
-        note(f'{name}: {problem}' for problem in problems)
+            inside = find(name, spec, layout, truth)
+        loaded += inside.recordings
+        note(f'{name}: {problem}' for problem in inside.sentences)
     if not loaded:
         raise ValueError('name the recordings to compare on: --on RECORDING')
     config = fit_layout(spec.config(), loaded[0].recording.layout)

@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Tables, progress and refusals on the terminal; recordings by path or name, configs from yaml."""
+"""Tables, progress and refusals on the terminal; configs from yaml."""
 
 from __future__ import annotations
 
@@ -20,12 +20,11 @@ from typing import TextIO
 
 import numpy as np
 
-from tactile_ros.errors import RecordingError, TactileError, plain
+from tactile_ros.errors import TactileError, plain
 from tactile_ros.evaluation.figures import check_png
-from tactile_ros.evaluation.recording_files import LoadedRecording, load
 from tactile_ros.files import read_yaml, refuse_special
 from tactile_ros.sensors import SensorSpec
-from tactile_ros.types import Closing, Layout, SensorConfig, Table
+from tactile_ros.types import Closing, SensorConfig, Table
 from tactile_ros.types.contracts import Cell
 
 PATIENCE_S, STEP_S = 2.0, 0.5  # without a word; between two
@@ -209,23 +208,6 @@ def refuse_no_pictures(folder: Path) -> None:
     """Refuse a folder of pictures that could not be drawn (no resvg, no font) or written."""
     check_png()
     refuse_unwritable(folder / 'picture.png')
-
-
-def find(
-    name: str, spec: SensorSpec, layout: Layout | None, truth: Sequence[str] = ()
-) -> tuple[list[LoadedRecording], list[str]]:
-    """Recordings under a path, or the shipped one of that name, and what could not be read.
-
-    Raises RecordingError if there is neither.
-    """
-    if Path(name).exists():
-        found = load(name, layout, truth) if truth else load(name, layout)
-        return list(found.recordings), found.sentences
-    shipped = spec.recordings()
-    if name not in shipped:
-        names = ', '.join(shipped) or 'none'
-        raise RecordingError(f'{name} does not exist, and {spec.key} ships only {names}')
-    return [LoadedRecording(name, shipped[name])], []
 
 
 def read_config(spec: SensorSpec, path: Path | None) -> SensorConfig:

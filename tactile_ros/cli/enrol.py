@@ -18,10 +18,11 @@ import argparse
 import sys
 from pathlib import Path
 
-from tactile_ros.cli.console import find, note, refuse_unwritable, working
+from tactile_ros.cli.console import note, refuse_unwritable, working
 from tactile_ros.enrolment import Allowed, learn, recording_of, window_of
 from tactile_ros.errors import RecordingError, TactileError
 from tactile_ros.evaluation.fleet import open_calibration
+from tactile_ros.evaluation.recording_files import find
 from tactile_ros.evaluation.replay import presses_in
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
@@ -72,8 +73,9 @@ def run(options: argparse.Namespace) -> int:
 def _learned(options: argparse.Namespace, pipeline: Pipeline) -> str:
     window_of(pipeline)
     spec = load_sensor(pipeline.sensor)
-    found, problems = find(options.recording, spec, pipeline.layout)
-    note(f'{options.recording}: {problem}' for problem in problems)
+    loaded = find(options.recording, spec, pipeline.layout)
+    note(f'{options.recording}: {problem}' for problem in loaded.sentences)
+    found = loaded.recordings
     if len(found) != 1:
         names = ', '.join(one.name for one in found)
         raise RecordingError(f'{options.recording} must hold one sensor; it holds {names}')

@@ -31,8 +31,7 @@ from tactile_ros.evaluation.recording_files import (
     Bag,
     ClassesChangedError,
     LoadedRecording,
-    load,
-    save_arrays,
+    find,
 )
 from tactile_ros.evaluation.replay import Follower
 from tactile_ros.evaluation.report import CELLS, Answer, Dataset, answer, inside_one_sigma, rows_of
@@ -288,23 +287,14 @@ def _results(job: Job) -> list[Dataset]:
         name = stem if stems.count(stem) == 1 else path
         pipelines[name] = _opened(path, Path(path).stat().st_mtime_ns, get_ident())
     first = next(iter(pipelines.values()))
-    file = Path(job.recording)
-    if not file.exists():
-        shipped = load_sensor(first.sensor).recordings()
-        if job.recording in shipped:
-            one = LoadedRecording(job.recording, shipped[job.recording])
-            return [evaluate(one, pipelines, job.recording, untared=job.untared)]
-        names = ', '.join(shipped) or 'none'
-        msg = f'{file} does not exist, and {first.sensor} ships only {names}'
-        raise RecordingError(msg)
+    file, topics, layout = Path(job.recording), job.truth_topics, first.layout
     asked = '' if job.delay_ns is None else ' as was said'
     truth = Association(job.tolerance_ns, job.delay_ns, asked)
-    if file.suffix not in IN_MEMORY:
+    if file.exists() and file.suffix not in IN_MEMORY:
         with suppress(ClassesChangedError):
-            topics, layout = job.truth_topics, first.layout
             return evaluate_bag(file, pipelines, topics, truth, layout, untared=job.untared)
-    loaded = load(file, first.layout, job.truth_topics, truth).recordings
-    return [evaluate(one, pipelines, file.name, untared=job.untared) for one in loaded]
+    found = find(job.recording, load_sensor(first.sensor), layout, topics, truth).recordings
+    return [evaluate(one, pipelines, file.name, untared=job.untared) for one in found]
 
 
 def run_jobs(
@@ -448,7 +438,7 @@ def save(
     text = json.dumps(finite, indent=1, allow_nan=False) + '\n'
     return (
         write_atomically(path.with_name(f'{path.name}.json'), text.encode()),
-        save_arrays(arrays, path.with_name(f'{path.name}.npz')),
+        files.save_arrays(path.with_name(f'{path.name}.npz'), arrays),
     )
 
 

@@ -11,7 +11,6 @@ is unknown.
 from __future__ import annotations
 
 import csv
-import io
 import math
 import os
 import re
@@ -41,8 +40,8 @@ from tactile_ros.evaluation.truth import (
     merged,
     nearest_of_key,
 )
-from tactile_ros.files import write_atomically
 from tactile_ros.messages import read_layout
+from tactile_ros.sensors import SensorSpec
 from tactile_ros.types import (
     STATE_FIELDS,
     TRUTH_KEYS,
@@ -170,6 +169,23 @@ def load(
             whole, recording=recording, contacts=piece.contacts, baselines=piece.baselines
         ))  # fmt: skip
     return Loaded(tuple(recordings), tuple(bag.problems))
+
+
+def find(
+    name: str, spec: SensorSpec, layout: Layout | None, truth_topics: Sequence[str] = (),
+    association: Association | None = None,
+) -> Loaded:  # fmt: skip
+    """Load what is at a path, as `load` does, else the recording that a sensor ships by that name.
+
+    Raises RecordingError if there is neither.
+    """
+    if Path(name).exists():
+        return load(name, layout, truth_topics or DEFAULT_TRUTH, association)
+    shipped = spec.recordings()
+    if name not in shipped:
+        msg = f'{name} does not exist, and {spec.key} ships only {", ".join(shipped) or "none"}'
+        raise RecordingError(msg)
+    return Loaded((LoadedRecording(name, shipped[name]),))
 
 
 class ClassesChangedError(Exception):
@@ -500,14 +516,8 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
         **{f'layout_{name}': value for name, value in vars(recording.layout).items()},
         **{f'truth_{key}': value for key, value in recording.truth.items()},
     }
-    save_arrays({name: np.asarray(x) for name, x in columns.items() if x is not None}, path)
-
-
-def save_arrays(arrays: Columns, path: str | os.PathLike[str]) -> Path:
-    """Write plain arrays into one .npz, whole or not at all."""
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
-    return write_atomically(path, buffer.getvalue())
+    known = {name: np.asarray(x) for name, x in columns.items() if x is not None}
+    calibration.save_arrays(path, known)
 
 
 def load_recording(path: str | os.PathLike[str]) -> Recording:

@@ -112,7 +112,7 @@ def test_what_cannot_be_written_is_refused_before_the_work(
     def work(*_: object) -> None:
         pytest.fail('work was begun')
 
-    for name in ('console.find', 'replay.fleet.run_jobs', 'bench.show'):
+    for name in ('calibrate.find', 'replay.fleet.run_jobs', 'bench.show'):
         monkeypatch.setattr(f'tactile_ros.cli.{name}', work)
     monkeypatch.chdir(board_files)
     (tmp_path / 'file').touch()

@@ -17,10 +17,10 @@ from benchmarks.harness.rows import BenchResult, Row
 from benchmarks.replay import write_bag
 from reference import enrolled_skin
 from reference.help_examples import ROOT, examples, lines, typed_on_pages
-from tactile_ros.cli import compare, console, view
+from tactile_ros.cli import calibrate, compare, view
 from tactile_ros.cli.main import main
 from tactile_ros.evaluation.bag import BagWriter, all_types
-from tactile_ros.evaluation.recording_files import LoadedRecording
+from tactile_ros.evaluation.recording_files import Loaded
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import STATE_FIELDS, Recording
@@ -155,15 +155,15 @@ def stops(show: Callable[..., None]) -> Callable[..., None]:
 @pytest.fixture(autouse=True)
 def few_rows_are_learned(monkeypatch: pytest.MonkeyPatch) -> None:
     """A shipped recording is as long as `MOST_ROWS`."""
-    whole = console.find
+    whole = calibrate.find
 
-    def first(*what: object) -> tuple[list[LoadedRecording], list[str]]:
-        found, problems = whole(*what)
-        part = slice(0, MOST_ROWS)
-        return [replace(one, recording=one.recording.select(part)) for one in found], problems
+    def first(*what: object) -> Loaded:
+        found, part = whole(*what), slice(0, MOST_ROWS)
+        some = (replace(one, recording=one.recording.select(part)) for one in found.recordings)
+        return replace(found, recordings=tuple(some))
 
-    monkeypatch.setattr(console, 'find', first)
-    monkeypatch.setattr(compare, 'find', first)
+    for command in (calibrate, compare):
+        monkeypatch.setattr(command, 'find', first)
 
 
 def typed(line: str, port: str) -> list[str]:
