@@ -52,8 +52,7 @@ DAMAGE = (
 
 def write(path: str | Path, arrays: Mapping[str, npt.NDArray[np.generic]]) -> None:
     """Write the arrays of a calibration, with its schema and their digest, to an .npz."""
-    about = {'schema': np.array(SCHEMA), 'sha256': np.array(digest(arrays))}
-    save_arrays(path, {**about, **arrays})
+    save_arrays(path, {'schema': np.array(SCHEMA), 'sha256': np.array(digest(arrays)), **arrays})
 
 
 def save_arrays(path: str | os.PathLike[str], arrays: Arrays) -> Path:
@@ -113,8 +112,7 @@ def plain_arrays(target: Path, most_members: int, most_bytes: int) -> Arrays:
 
 def _check_directory(file: io.BufferedReader) -> None:
     """Cap the directory by its last record, which zipfile would read in one go."""
-    size = file.seek(0, os.SEEK_END)
-    file.seek(max(size - 42, 0))
+    file.seek(max(file.seek(0, os.SEEK_END) - 42, 0))
     tail = file.read(42).rjust(42, b'\0')
     length = struct.unpack('<I', tail[32:36])[0]
     if tail[20:24] != b'PK\x05\x06' or tail[:4] == b'PK\x06\x07':
