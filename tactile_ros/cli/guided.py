@@ -257,7 +257,8 @@ def truth_of(options: argparse.Namespace, simulated: SimulatedPresses | None) ->
         except ImportError as error:
             msg = 'topics need ROS 2; use weights, a scale or prompts, or set up with make'
             raise errors.MissingPackageError(msg) from error
-        return TruthTopics(name if kind == 'topic' else '', options.pose)
+        heard: Truth = TruthTopics(name if kind == 'topic' else '', options.pose)
+        return heard
     if kind != 'prompts' or name:
         raise ValueError(f'--truth of --live must be {SOURCES}; received {options.truth[0]!r}')
     return Truth()
