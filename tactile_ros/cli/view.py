@@ -146,14 +146,12 @@ def open_viewer(options: argparse.Namespace) -> PageServer | Viewer:
 
 def show_topics(options: argparse.Namespace, viewer: PageServer | Viewer) -> None:
     """Show the topics of running nodes."""
-    from tactile_ros.nodes.viewer_node import ViewerNode, run_viewer
+    from tactile_ros.nodes.viewer_node import ViewerNode
 
-    def begin(node: ViewerNode) -> None:
-        if isinstance(viewer, PageServer):
-            viewer.tare = node.tare
-
-    names = options.namespace or ['']
-    run_viewer(names, viewer.show, viewer.grip, options.seconds, begin)
+    node = ViewerNode(options.namespace or [''], viewer.show, viewer.grip)
+    if isinstance(viewer, PageServer):
+        viewer.tare = node.tare
+    node.run(options.seconds)
 
 
 class LivePipeline:

@@ -35,6 +35,8 @@ class ViewerNode(Node):
     """
 
     def __init__(self, namespaces: Sequence[str], show: Show, show_grip: ShowGrip) -> None:
+        if not rclpy.ok():
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         super().__init__('tactile_view')
         self._show, self._show_grip = show, show_grip
         self._layouts: dict[str, Layout] = {}
@@ -88,24 +90,14 @@ class ViewerNode(Node):
     def _on_grip(self, name: str, message: GripState) -> None:
         self._show_grip(name, message, messages.stamp_ns(message.header))
 
-
-def run_viewer(
-    namespaces: Sequence[str],
-    show: Show,
-    show_grip: ShowGrip,
-    seconds: float | None,
-    begin: Callable[[ViewerNode], None] = lambda _: None,
-) -> None:
-    """Listen until Ctrl-C, or for so many seconds; `begin` takes the node before."""
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    node = ViewerNode(namespaces, show, show_grip)
-    begin(node)
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    end = float('inf') if seconds is None else time.monotonic() + seconds
-    try:
-        while time.monotonic() < end:
-            executor.spin_once(timeout_sec=LOOK_S)
-    finally:
-        node.destroy_node()
-        try_shutdown()
+    def run(self, seconds: float | None) -> None:
+        """Listen until Ctrl-C, or for so many seconds, and end."""
+        executor = SingleThreadedExecutor()
+        executor.add_node(self)
+        end = float('inf') if seconds is None else time.monotonic() + seconds
+        try:
+            while time.monotonic() < end:
+                executor.spin_once(timeout_sec=LOOK_S)
+        finally:
+            self.destroy_node()
+            try_shutdown()
