@@ -23,11 +23,6 @@ from tactile_ros.types import Array
 FRESH_S = 0.5  # that a message counts
 
 
-def _fresh(came_s: float, value: Array) -> Array:
-    """Value that came at a monotonic time (s); NaN where that is long ago."""
-    return value if time.monotonic() - came_s < FRESH_S else UNKNOWN
-
-
 class TruthTopics(Truth):
     """Newest force (3,) (N) and place (3,) (m) of the topics named; NaN once half a second old."""
 
@@ -35,14 +30,15 @@ class TruthTopics(Truth):
 
     def __init__(self, wrench: str, pose: str) -> None:
         self.columns = ('force',) * bool(wrench) + ('position',) * bool(pose)
-        self._force, self._place = (0.0, UNKNOWN), (0.0, UNKNOWN)  # with the time of arrival (s)
+        self._newest = {
+            'force': (0.0, UNKNOWN),
+            'position': (0.0, UNKNOWN),
+        }  # arrival (s)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self._node = Node('tactile_truth')
-        for topic, kind, take in (
-            (wrench, WrenchStamped, self._take_force), (pose, PoseStamped, self._take_place),
-        ):  # fmt: skip
+        for topic, kind in ((wrench, WrenchStamped), (pose, PoseStamped)):
             if topic:
-                self._node.create_subscription(kind, topic, take, qos_profile_sensor_data)
+                self._node.create_subscription(kind, topic, self._take, qos_profile_sensor_data)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._ended = threading.Event()
@@ -51,19 +47,20 @@ class TruthTopics(Truth):
 
     def now(self) -> tuple[Array, Array | None]:
         """Newest of both; None without the topic of the place."""
-        place = _fresh(*self._place) if 'position' in self.columns else None
-        return _fresh(*self._force), place
+        oldest_s = time.monotonic() - FRESH_S
+        force, place = (x if came_s > oldest_s else UNKNOWN for came_s, x in self._newest.values())
+        return force, place if 'position' in self.columns else None
 
     def _spin(self) -> None:
         with suppress(ExternalShutdownException):
             while not self._ended.is_set():  # a shutdown by another thread may be missed
                 self._executor.spin_once(timeout_sec=0.1)
 
-    def _take_force(self, message: WrenchStamped) -> None:
-        self._force = (time.monotonic(), np.array(vector(message.wrench.force)))
-
-    def _take_place(self, message: PoseStamped) -> None:
-        self._place = (time.monotonic(), np.array(vector(message.pose.position)))
+    def _take(self, message: WrenchStamped | PoseStamped) -> None:
+        if isinstance(message, WrenchStamped):
+            self._newest['force'] = time.monotonic(), np.array(vector(message.wrench.force))
+        else:
+            self._newest['position'] = time.monotonic(), np.array(vector(message.pose.position))
 
     def close(self) -> None:
         """End the node."""
