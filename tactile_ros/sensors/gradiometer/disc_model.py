@@ -11,8 +11,8 @@ field is a sum of patterns. Lengths are in mm, fields in mT.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,15 +21,10 @@ from tactile_ros.physics.compiled import compiled, inlined
 from tactile_ros.physics.field_table import SHAPE, disc_table, reach_under, table_point
 from tactile_ros.physics.magnetics import dipole_field
 from tactile_ros.physics.temperature import CALIBRATED_AT, EXPANSION, REMANENCE_SLOPE
+from tactile_ros.sensors.gradiometer.config import GradiometerConfig
+from tactile_ros.types import Array, Bools, Integers
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from tactile_ros.sensors.gradiometer.config import GradiometerConfig
-    from tactile_ros.types import Array, Bools, Integers
-
-    Answers = Sequence[Sequence[str | int]]
-
+Answers = Sequence[Sequence[str | int]]
 MM = MT = 1e-3
 # state: place since rest (3), tilt beside that of the place (2), uniform field (3), temperature of
 # the magnet now and at the tare, of the chip now and at the tare (K from the usual one), relative
