@@ -69,7 +69,7 @@ def _hall_ratios(
         ratio[i] = hall_ratio(temperature_c[i], coefficients, low, high)
 
 
-def remanence_at(temperature_c: Array, remanence: float, slope: float = REMANENCE_SLOPE) -> Array:
+def remanence_at(temperature_c: Array, remanence: float) -> Array:
     """Remanence (...) (T) at temperatures of a magnet that has `remanence` at 20 C.
 
     Examples
@@ -77,7 +77,7 @@ def remanence_at(temperature_c: Array, remanence: float, slope: float = REMANENC
     >>> remanence_at(np.array([20.0, 45.0]), 1.4).round(4).tolist()
     [1.4, 1.358]
     """
-    return np.asarray(remanence * (1 + slope * (temperature_c - REFERENCE)))
+    return np.asarray(remanence * (1 + REMANENCE_SLOPE * (temperature_c - REFERENCE)))
 
 
 def following(temperature_c: Array, dt: Array, time_constant: float) -> Array:

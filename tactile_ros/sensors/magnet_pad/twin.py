@@ -2,8 +2,7 @@
 """The magnet pad on an I2C bus or on a serial port, real or simulated.
 
 A tip of a third of the radius presses a body that its base holds half (`nominal`), which carries
-and turns the blocks. Forces are those of [2], 1.5..10 N, along the surface's normal or inside the
-cone of 45 degrees about it.
+and turns the blocks. Forces are those of [2], 1.5..10 N, along the surface's normal.
 """
 
 from __future__ import annotations
@@ -51,8 +50,8 @@ def truth(config: MagnetPadConfig, touches: Touches) -> Truth:
     return {'position': touches.position, 'cell': cell, 'force': touches.force}
 
 
-def programme(config: MagnetPadConfig, seed: int, count: int, cone: float = 0.0) -> Programme:
-    """Presses in all cells in random order, along the normal or inside a cone (rad) about it."""
+def programme(config: MagnetPadConfig, seed: int, count: int) -> Programme:
+    """Presses in all cells in random order, along the surface's normal."""
     rng = np.random.default_rng(seed)
     rounds = -(-count // len(config.cells))
     cell = np.concatenate([rng.permutation(len(config.cells)) for _ in range(rounds)])[:count]
@@ -61,27 +60,20 @@ def programme(config: MagnetPadConfig, seed: int, count: int, cone: float = 0.0)
     x = config.cells[cell, 0] + PLAY * step * rng.uniform(-0.5, 0.5, count)
     angle = around[cell] + PLAY * 0.7 * rng.uniform(-0.5, 0.5, count)
     normal = np.column_stack([np.zeros(count), np.cos(angle), np.sin(angle)])
-    across = rng.normal(size=(count, 3))
-    across -= (across * normal).sum(axis=1, keepdims=True) * normal
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    lean = cone * rng.uniform(0, 1, (count, 1))
     force = growing_loads(count, 1.5, 10.0, rng)[rng.permutation(count), None]
-    direction = np.cos(lean) * normal + np.sin(lean) * across
-    return Programme(np.column_stack([x, config.radius * normal[:, 1:]]), force * direction)
+    return Programme(np.column_stack([x, config.radius * normal[:, 1:]]), force * normal)
 
 
 def presses(
-    config: MagnetPadConfig, seed: int = 0, count: int = PRESSES, noise: float | None = None,
-    cone: float = 0.0,
-) -> Recording:  # fmt: skip
+    config: MagnetPadConfig, seed: int = 0, count: int = PRESSES, noise: float | None = None
+) -> Recording:
     """Readings of `count` presses with their truth: position, cell and force.
 
-    One stream that begins with a tare. `noise` is of a channel (T); None: that of the chips. The
-    force is inside a `cone` (rad) about the surface's normal; [2] has pi / 4.
+    One stream that begins with a tare. `noise` is of a channel (T); None: that of the chips.
     """
     return recorded(
         layout(config),
-        programme(config, seed, count, cone),
+        programme(config, seed, count),
         lambda touches: reading(config, touches),
         lambda touches: truth(config, touches),
         NOISE if noise is None else noise,
