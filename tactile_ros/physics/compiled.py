@@ -2,7 +2,8 @@
 """Loops over rows, compiled by numba; without numba the same source runs, slowly.
 
 Machine code is kept on disk where that is possible. It rounds as written: no fused or reordered
-sums, so that a row has the same bits alone and among others.
+sums, so that a row has the same bits alone and among others. An index beyond an array is an
+IndexError, as in the source: the arrays of a file may be of any shape.
 """
 
 from __future__ import annotations
@@ -50,12 +51,13 @@ def compiled(function: Function, forced: bool = False) -> Function:
     used = {name: names[name] for name in code.co_names if name in names}
     numbers = [f'{key} {value!r}' for key, value in used.items() if isinstance(value, int | float)]
     called = [DIGESTS[id(value)] for value in used.values() if id(value) in DIGESTS]
-    digest = hashlib.sha256(' '.join([*numbers, *called]).encode()).hexdigest()[:8]
+    digest = hashlib.sha256(' '.join(['bounds', *numbers, *called]).encode()).hexdigest()[:8]
     function.__qualname__ += f'_{digest}'
+    options: dict[str, Any] = {'error_model': 'numpy', 'forceinline': forced, 'boundscheck': True}
     try:
-        built = numba.njit(cache=True, error_model='numpy', forceinline=forced)(function)
+        built = numba.njit(cache=True, **options)(function)
     except RuntimeError:  # no folder to keep it in
-        built = numba.njit(error_model='numpy', forceinline=forced)(function)
+        built = numba.njit(**options)(function)
     source = Path(code.co_filename)
     content = source.read_bytes() if source.is_file() else b''
     DIGESTS[id(built)] = digest + hashlib.sha256(content).hexdigest()

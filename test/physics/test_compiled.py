@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 from tactile_ros.physics import compiled
@@ -14,6 +15,14 @@ from tactile_ros.physics import compiled
 def test_without_a_compiler_a_function_stays_what_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compiled, 'numba', None)
     assert compiled.compiled(abs) is abs
+
+
+def test_an_index_beyond_an_array_is_refused_as_it_is_without_a_compiler() -> None:
+    # arrays of a calibration file may be of any shape: nothing beyond them is read or written
+    row = compiled.compiled(lambda x, i: x[i])
+    for index in (3, -4, 1 << 40):
+        with pytest.raises(IndexError):
+            row(np.zeros(3), index)
 
 
 HEAD = 'from tactile_ros.physics.compiled import compiled\n'
