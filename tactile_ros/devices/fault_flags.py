@@ -20,13 +20,8 @@ JUMP = 0.5  # of the range: the largest change from one reading to the next that
 
 
 def measured_temperature(chips: Array) -> tuple[Array, int]:
-    """Temperatures (..., t) (degrees Celsius), NaN where no chip can have them.
-
-    Exactly 0 on all chips of a frame is what boards send that measure none. Second: how many
-    frames have none, though chips sent some.
-    """
-    measured = (chips != 0).any(axis=-1, keepdims=True)
-    found = plausible_temperature(np.where(measured, chips, np.nan))
+    """Plausible temperatures (..., t), and how many frames have none, though chips sent some."""
+    found = plausible_temperature(chips)
     refused = np.isnan(found).all(axis=-1) & ~np.isnan(chips).all(axis=-1)
     return found, int(np.count_nonzero(refused))
 

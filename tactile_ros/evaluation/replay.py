@@ -20,6 +20,7 @@ import numpy as np
 
 from tactile_ros import enrolment
 from tactile_ros.conditioning.faults import DAMAGED, SAYS_NOTHING, UNUSABLE, taxel_faults
+from tactile_ros.devices.fault_flags import measured_temperature
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.cdr_columns import stack, widened
 from tactile_ros.evaluation.metrics import Agreement
@@ -152,7 +153,7 @@ class Follower:
         self._mismatch = calibration_problems(calibrations, self.began, changes)
         self._baselines = BaselineQueue()
         self._changes = ClassChanges(changes, self.pipeline)
-        self._stream, self._unused_tares = -1, 0
+        self._stream, self._unused_tares, self._unmeasured = -1, 0, 0
 
     @property
     def problems(self) -> tuple[str, ...]:
@@ -162,6 +163,9 @@ class Follower:
         if self._unused_tares:
             why = 'this calibration was fitted without rest'
             left_out += (f'{self._unused_tares} tares of the bag are left out: {why}',)
+        if self._unmeasured:
+            said = 'frames of which every chip says a temperature that none can have'
+            left_out += (f'{self._unmeasured} {said}: these are not used',)
         return (*self._mismatch, *self._changes.problems, *failures, *left_out)
 
     @property
@@ -201,6 +205,8 @@ class Follower:
         recording, rows = piece.recording, piece.seen
         taxels = recording.layout.shape[0]
         self.pipeline.check_layout(recording)
+        if recording.temperature_c is not None:
+            self._unmeasured += measured_temperature(recording.temperature_c)[1]
         of_file = recording.stream is None or recording.tare is not None
         if (of_file or recording.stamp_ns is None) and piece.contacts is None:
             return self.pipeline.process_batch(recording)

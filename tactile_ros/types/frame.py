@@ -43,8 +43,12 @@ COLDEST, HOTTEST = -60.0, 200.0  # degrees Celsius
 
 
 def plausible_temperature(chips: Array) -> Array:
-    """Temperatures (degrees Celsius), NaN where no chip can have them."""
-    return np.where((chips >= COLDEST) & (chips <= HOTTEST), chips, np.nan)
+    """Temperatures (..., t) (degrees Celsius), NaN where no chip can have them.
+
+    Exactly 0 on all chips of a frame is what boards send that measure none.
+    """
+    measured = (chips != 0).any(axis=-1, keepdims=True)
+    return np.where(measured & (chips >= COLDEST) & (chips <= HOTTEST), chips, np.nan)
 
 
 MOST_CHARACTERS = 100

@@ -49,6 +49,7 @@ from tactile_ros.types import (
     Layout,
     Recording,
     TaxelStatus,
+    plausible_temperature,
 )
 
 STEP_NS = 20_000_000
@@ -115,6 +116,19 @@ def test_replay_leaves_out_and_counts_frames_that_the_node_did_not_see(
     assert replayed.agreement.without_contacts == 5
     assert not replayed.states.valid[[0, 1, 2, 30, 31]].any()
     assert '5 frames without contacts were left out' in replayed.problems[0]
+
+
+@pytest.mark.parametrize('chip_c', [-273.15, 327.67, 0.0])
+def test_temperatures_that_no_chip_can_have_are_counted_and_not_used(
+    spatial: Recording, fitted: Pipeline, live: Live, chip_c: float
+) -> None:
+    loaded = live(live_frames(spatial, 5))
+    chips = np.full(loaded.recording.values.shape[:2], chip_c)
+    chips[:3] = 25.0
+    warm = replace(loaded, recording=replace(loaded.recording, temperature_c=chips))
+    said = f'{len(chips) - 3} frames of which every chip says a temperature that none can have'
+    assert any(text.startswith(said) for text in replay(warm, fitted).problems)
+    np.testing.assert_array_equal(np.isnan(plausible_temperature(chips))[:, 0], chips[:, 0] != 25)
 
 
 def test_recording_with_tare_rows_runs_as_a_batch_and_is_timed(
