@@ -229,24 +229,27 @@ class HandJoints:
         if first:
             self.limiter.start(measured + np.where(np.isfinite(lead), lead, 0.0))
         meant = np.array(self.limiter.last)
-        wanted = meant.copy()
-        effort = np.full(len(wanted), nan)
+        effort = np.full(len(meant), nan)
         for a, (finger, place) in enumerate(self._drives):
             on_path = self._paths[a].joints(float(closures[a]), float(contacts[a]), dt)
             if first:
                 self._beside[a] = meant[place] - on_path
             self._beside[a] = self._beside[a] * exp(-dt / EASE_S)
-            meant[place] = wanted[place] = on_path + self._beside[a]
-            if closures[a] > contacts[a]:
-                lower, upper = self._limits.lower[place], self._limits.upper[place]
-                wanted[place] = finger.pass_on(wanted[place], lower, upper)
+            meant[place] = on_path + self._beside[a]
             effort[place] = finger.caps(forces[a])
+        lower, upper, wanted = self._limits.lower, self._limits.upper, meant
+        ends = bool(((meant < lower) | (meant > upper)).any())
+        if ends:
+            wanted = meant.copy()
+            for a, (finger, place) in enumerate(self._drives):
+                if closures[a] > contacts[a]:
+                    wanted[place] = finger.pass_on(meant[place], lower[place], upper[place])
         position, limited = self.limiter.step(wanted, measured, elapsed)
         self._sent.append((now_s, position))
         closure = reach = closures
         if limited:
             closure = closures - self._behind(closures, contacts, wanted, position)
-        if limited or not np.array_equal(meant, wanted):
+        if limited or ends:
             near = self.limiter.reachable(meant, measured)
             reach = closures - self._behind(closures, contacts, meant, near)
         clips = (np.abs(position - measured) >= self._clipping) | self._full & self._carries
