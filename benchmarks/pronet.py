@@ -74,7 +74,7 @@ def run(extent: str, command: str) -> BenchResult:
     )
     notes = [
         'network: Pronet-L of [1], shipped as ONNX, on the skin that it was trained on; aim: [1]',
-        'presses: those of the task as classes, in the metric of few_shot.py; templates of nine '
+        'presses: those of the task as classes, compared as in few_shot.py; templates of nine '
         'drawn heads tell what shapes can do at a place, no press of them was learned from but '
         '20 of one head; peer: the network',
         'all shots by one network: of one shot for shapes, of five for postures',
@@ -147,9 +147,9 @@ class Tasks:
             press_patterns(list(samples.windows[rows].astype(float)), ours.basis)
             for rows in (known, asked)
         )
-        means = ours.supports(lessons, samples.label[known], known).averaged(ours.basis)
-        score = support_scores(means, presses, ours.noise, ours.common, ours.still_)
-        return np.asarray(means.label[score.argmin(axis=1)])
+        supports = ours.supports(lessons, samples.label[known], known)
+        score = support_scores(supports, presses, ours.noise, ours.common)
+        return np.asarray(supports.label[score.argmin(axis=1)])
 
 
 def by_place(places: Integers, right: Array) -> tuple[float, ...]:

@@ -1,17 +1,15 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Classes of presses from few presses, in a metric that discounts how they were placed.
 
-A class is the mean of its presses at a place, [1] eq. (2). Two presses of one head differ by its
-place, turn and depth, and by any uniform field; a model of the sheet gives what these do to the
-pattern of a press, also of a head that nobody described: a described head of like pattern stands
-in for it. Along them a distance costs little; how much they usually vary, and what is left, is
-chosen on held-out presses. Without such a metric the nearest mean of unit vectors decides.
+Two presses of one head differ by its place, turn and depth, and by any uniform field; a model of
+the sheet gives what these do to the pattern of a press, also of a head that nobody described: a
+described head of like pattern stands in for it. Along them a distance costs little. Without a
+model the nearest unit vector decides.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from itertools import product
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -22,13 +20,13 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, Integers
 
 LATE = 0.34  # of a window: frames that show the pattern first
-QUIET, QUIETS = 0.15, 0.1891  # this part of readings is nearer to 0 than so many deviations
 TINY = np.finfo(np.float64).tiny
-ALIKE = 0.95  # cosine of presses of one class that are averaged
-CLOSEST = 16  # prototypes that are compared in full
-RATIOS = 0.05, 20.0  # depth of a press over that of a prototype
-ANY_DEPTH = 2.0  # one over the deviation of that ratio in a fit
-DRAWS, MOST_ASKED = 2, 150  # of support presses, and queries, by which a metric is chosen
+CLOSEST = 64  # supports that are compared in full
+RATIOS = 0.05, 20.0  # size of a press over that of a support
+ANY_SIZE = 0.5  # deviation of that ratio from the one that fits best
+# deviations of two presses of one class: place (m), turn (rad), logarithm of the depth
+UNLIKE = np.sqrt(2) * np.array([2e-4, 2e-4, 0.02, 0.1])
+DRAWS, MOST_ASKED = 2, 150  # of support presses, and queries, by which a way is chosen
 SAME_PLACE = 0.7  # cosine of presses of one class at one place
 UNIT_ERROR = 0.1  # of a unit vector
 Some = TypeVar('Some', bound='Rows')
@@ -63,20 +61,9 @@ class Presses(Rows):
     pattern: Array
     frames: Array
 
-    def variance(self, noise: Array, still: float) -> Array:
-        """Variance of patterns (n, d) by noise (d,) of frames and errors that do not average."""
-        return np.asarray(np.square(noise) / np.maximum(self.frames, TINY)[:, None] + still**2)
-
-    def still(self, noise: Array) -> float:
-        """Deviation that does not average (T), from the quietest readings of presses.
-
-        Readings far from a press show nothing but this and noise (d,); two deviations of a frame
-        are the most that it may be.
-        """
-        quiet = np.quantile(np.abs(self.pattern), QUIET, axis=1) / QUIETS
-        usual = np.square(noise).mean() / np.maximum(self.frames, TINY)
-        found = np.quantile(np.square(quiet) - usual, QUIET)
-        return float(np.sqrt(np.clip(found, 0.0, 4 * np.square(noise).mean())))
+    def variance(self, noise: Array) -> Array:
+        """Variance of patterns (n, d) by noise (d,) of frames."""
+        return np.asarray(np.square(noise) / np.maximum(self.frames, TINY)[:, None])
 
 
 def without_field(patterns: Array, basis: Array) -> Array:
@@ -121,32 +108,6 @@ def press_patterns(windows: list[Array], common: Array) -> Presses:
 
 
 @dataclass(frozen=True)
-class Metric:
-    """Usual differences of presses of one class: standard deviations.
-
-    Attributes
-    ----------
-    place, turn : float
-        Of the head (m, rad).
-    bend : float
-        Of what the pattern changes with the logarithm of the depth, beside its size.
-    share : float
-        Of what a chip sees: all the rest.
-    """
-
-    place: float = 2e-4
-    turn: float = 0.02
-    bend: float = 0.2
-    share: float = 0.008
-
-
-CANDIDATES = (Metric(), *(
-    Metric(place, turn, 0.2, share)
-    for place, turn, share in product((2e-4, 4e-4, 8e-4), (0.02, 0.05), (0.005, 0.01, 0.02, 0.04))
-))  # fmt: skip
-
-
-@dataclass(frozen=True)
 class SupportSet(Presses):
     """Presses (m) by which classes are recognised.
 
@@ -154,62 +115,25 @@ class SupportSet(Presses):
     ----------
     label, number : ndarray, shape (m,)
         Class; press that each is a window of: windows of one press are one piece of evidence.
-    presses : ndarray, shape (m,)
-        How many presses each is the mean of.
-    slopes : ndarray, shape (m, 3, d)
-        Change of the pattern with place (T / m) and turn (T / rad); 0 where unknown.
-    bends : ndarray, shape (m, d)
-        Change with the logarithm of the depth beside its size (T); 0 where unknown.
+    slopes : ndarray, shape (m, 4, d)
+        Change of the pattern with place (T / m), turn (T / rad), and with the logarithm of the
+        depth beside its size (T); 0 where unknown.
     """
 
     label: Integers
     number: Integers
-    presses: Array
     slopes: Array
-    bends: Array
 
     @classmethod
     def empty(cls, d: int) -> SupportSet:
         """None yet, of patterns of length d."""
-        whole, none, wide = np.zeros(0, np.int64), np.zeros(0), np.zeros((0, d))
-        return cls(wide, none, whole, whole, none, np.zeros((0, 3, d)), wide)
+        none = np.zeros(0, np.int64)
+        return cls(np.zeros((0, d)), np.zeros(0), none, none, np.zeros((0, 4, d)))
 
     def without(self, label: int) -> SupportSet:
         """All but those of a class; classes above it move down by one."""
         left = self.rows(np.flatnonzero(self.label != label))
         return replace(left, label=left.label - (left.label > label))
-
-    def averaged(self, basis: Array) -> SupportSet:
-        """Means of presses of one class that are alike, and the presses that are not.
-
-        All are brought to the size of the strongest one; a uniform field is left out (d, 3).
-        """
-        found, own = [], without_field(self.pattern, basis)
-        size = np.linalg.norm(own, axis=1)
-        for label in np.unique(self.label):
-            left = np.flatnonzero(self.label == label)
-            while len(left):
-                first = left[size[left].argmax()]
-                cosine = own[left] @ own[first] / np.maximum(size[left] * size[first], TINY)
-                alike = (cosine > ALIKE) | (left == first)
-                rows, left = left[alike], left[~alike]
-                ratio = np.square(size[first]) / np.maximum(own[rows] @ own[first], TINY)
-                found.append(self._mean(rows, first, np.maximum(ratio, 1.0)))
-        return SupportSet(*(np.concatenate(column) for column in zip(*found, strict=True)))
-
-    def _mean(self, rows: Integers, first: int, ratio: Array) -> list[npt.NDArray[np.generic]]:
-        """Columns of the mean of some, each stronger by a ratio, beside the label of one."""
-        weight = self.frames[rows] / np.square(ratio)
-        share = weight / weight.sum() * ratio
-
-        def mean(column: Array) -> Array:
-            return np.tensordot(share, column[rows], axes=1)[None]
-
-        return [
-            mean(self.pattern), weight.sum(keepdims=True), self.label[[first]],
-            self.number[[first]], 1 / np.square(share).sum(keepdims=True),
-            mean(self.slopes), mean(self.bends),
-        ]  # fmt: skip
 
 
 def share_of(pattern: Array, share: float) -> Array:
@@ -220,23 +144,17 @@ def share_of(pattern: Array, share: float) -> Array:
     return np.asarray(np.repeat(here, 3, axis=-1))
 
 
-def support_scores(
-    supports: SupportSet, presses: Presses, noise: Array, common: Array, still: float,
-    metric: Metric,
-) -> Array:  # fmt: skip
-    """Twice the negative log-likelihood (n, m) of presses under prototypes; inf: far away.
+def support_scores(supports: SupportSet, presses: Presses, noise: Array, common: Array) -> Array:
+    """Twice the negative log-likelihood (n, m) of presses given supports; inf: far away.
 
-    Prototypes are as of `SupportSet.averaged`; `noise` (d,) is of a reading (T), `common` (d, 3)
-    are readings of a uniform field, `still` is the error that frames do not average (T).
+    `noise` (d,) is of a reading (T), `common` (d, 3) are readings of a uniform field. Two presses
+    of one class differ by noise, size, place, turn and depth, and by any uniform field.
     """
     found = np.full((len(presses.pattern), len(supports.label)), np.inf)
     basis = np.linalg.qr(common)[0]
     size = np.linalg.norm(without_field(supports.pattern, basis), axis=1)
     unit = scaled_patterns(supports.pattern, basis)
-    wide = np.array([metric.place, metric.place, metric.turn])[:, None] * supports.slopes
-    wide = np.concatenate([wide, metric.bend * supports.bends[:, None]], axis=1)
-    theirs = noise**2 / supports.frames[:, None] + still**2 / supports.presses[:, None]
-    variance = presses.variance(noise, still)
+    theirs, variance = supports.variance(noise), presses.variance(noise)
     for i, y in enumerate(presses.pattern):
         cosine = unit @ y
         near = np.argsort(-cosine, kind='stable')[:CLOSEST]
@@ -244,17 +162,15 @@ def support_scores(
         if not len(near):
             continue
         ratio = np.clip(cosine[near] / size[near], *RATIOS)[:, None]
-        more = 1 + 1 / supports.presses[near, None]
-        whole = variance[i] + ratio**2 * theirs[near] + more * share_of(y, metric.share)
-        made = ratio * (supports.pattern[near] + np.log(ratio) * supports.bends[near])
-        free = (ratio * np.sqrt(more))[..., None] * wide[near]
-        rows = np.concatenate([(y - made)[:, None], made[:, None], free], axis=1)
-        found[i, near] = _marginal_scores(rows, whole, common)
+        made = ratio * (supports.pattern[near] + np.log(ratio) * supports.slopes[near, 3])
+        free = ratio[..., None] * UNLIKE[:, None] * supports.slopes[near]
+        rows = np.concatenate([(y - made)[:, None], ANY_SIZE * made[:, None], free], axis=1)
+        found[i, near] = _marginal_scores(rows, variance[i] + ratio**2 * theirs[near], common)
     return found
 
 
 def _marginal_scores(rows: Array, variance: Array, common: Array) -> Array:
-    """Scores (m,) of misfits and nuisances (m, 1 + k, d), the first of which is the size."""
+    """Scores (m,) of misfits and what may differ, one deviation of each (m, 1 + k, d)."""
     sigma = np.sqrt(variance)[:, None]
     rows = rows / sigma
     span = common.T / sigma
@@ -262,42 +178,33 @@ def _marginal_scores(rows: Array, variance: Array, common: Array) -> Array:
     along = np.linalg.solve(gram, np.matmul(span, np.swapaxes(rows, 1, 2)))
     rows = rows - np.matmul(np.swapaxes(along, 1, 2), span)
     miss, rows = rows[:, 0], rows[:, 1:]
-    prior = np.eye(rows.shape[1])
-    prior[0, 0] = ANY_DEPTH**2
-    normal = np.matmul(rows, np.swapaxes(rows, 1, 2)) + prior
+    normal = np.matmul(rows, np.swapaxes(rows, 1, 2)) + np.eye(rows.shape[1])
     right = np.matmul(rows, miss[..., None])
     cost = np.square(miss).sum(axis=1)
     cost -= (np.linalg.solve(normal, right) * right).sum(axis=(1, 2))
-    level = np.log(variance).sum(axis=1) + np.linalg.slogdet(normal[:, 1:, 1:])[1]
-    return np.asarray(cost + level)
+    return np.asarray(cost + np.log(variance).sum(axis=1) + np.linalg.slogdet(normal)[1])
 
 
-def choose_metric(
-    supports: SupportSet, noise: Array, common: Array, still: float
-) -> tuple[Metric | None, dict[str, float]]:
-    """Metric that names most held-out presses from one press of each class at each place.
+def one_shot_shares(supports: SupportSet, noise: Array, common: Array) -> dict[str, float]:
+    """Shares of held-out presses named rightly from one press of each class at each place.
 
-    None: the nearest prototype of unit vectors names more. Beside it the shares that are named
-    rightly by such metrics and by prototypes; empty: nothing repeats.
+    By likelihoods and by the nearest unit vector; empty: nothing repeats.
     """
     basis = np.linalg.qr(common)[0]
     unit = scaled_patterns(supports.pattern, basis)
-    trials = [_one_shot(supports, unit, np.random.default_rng(draw)) for draw in range(DRAWS)]
-    right: dict[Metric | None, float] = {}
-    for metric in (*CANDIDATES, None):
-        for known, asked in trials:
-            if not len(asked) or len(np.unique(supports.label)) == 1:
-                return Metric(), {}
-            few, presses = supports.rows(known), supports.rows(asked)
-            if metric is None:
-                score = prototype_scores(few, presses, basis)
-            else:
-                score = support_scores(few, presses, noise, common, still, metric)
-            named = few.label[score.argmin(axis=1)] == supports.label[asked]
-            right[metric] = right.get(metric, 0.0) + float(named.mean()) / DRAWS
-    best = max(right, key=lambda metric: right[metric])  # of equal ones the first
-    return best, {'accuracy_whitened': max(right[one] for one in CANDIDATES),
-                  'accuracy_prototypes': right[None]}  # fmt: skip
+    right = np.zeros((DRAWS, 2))
+    for draw in range(DRAWS):
+        known, asked = _one_shot(supports, unit, np.random.default_rng(draw))
+        if not len(asked) or len(np.unique(supports.label)) == 1:
+            return {}
+        few, presses = supports.rows(known), supports.rows(asked)
+        scores = (
+            support_scores(few, presses, noise, common),
+            prototype_scores(few, presses, basis),
+        )
+        right[draw] = [(few.label[one.argmin(axis=1)] == presses.label).mean() for one in scores]
+    likely, nearest = right.mean(axis=0).tolist()
+    return {'accuracy_whitened': likely, 'accuracy_prototypes': nearest}
 
 
 def _one_shot(

@@ -83,9 +83,8 @@ class PressSearch:
         Templates.
     noise, common : ndarray, shape (d,) and (d, 3)
         Of a reading (T); what a uniform field does to readings.
-    body, error, still : float
-        Height of the soft body (m); error of the model, as a share of what a chip sees; error of
-        a pattern that frames do not average (T).
+    body, error : float
+        Height of the soft body (m); error of the model, as a share of what a chip sees.
     other : PressSearch or None
         The same for another skin that it may be: each press is taken for one of the skin that
         explains it better.
@@ -93,9 +92,9 @@ class PressSearch:
 
     def __init__(
         self, bank: PressBank, noise: Array, common: Array, body: float, error: float,
-        still: float = 0.0, other: PressSearch | None = None,
+        other: PressSearch | None = None,
     ) -> None:  # fmt: skip
-        self.still, self.other = still, other
+        self.other = other
         self.bank, self.noise, self.body, self.error = bank, noise, body, error
         self.common = common
         self.basis = np.linalg.qr(common)[0]
@@ -118,15 +117,9 @@ class PressSearch:
         self.first = np.array([head.first for head in bank.heads])
         self.heads = np.repeat(np.arange(len(bank.heads)), STARTS)
 
-    def let_still(self, still: float) -> None:
-        """Let patterns have another error that frames do not average (T)."""
-        self.still = still
-        if self.other is not None:
-            self.other.let_still(still)
-
     def variance(self, presses: Presses) -> Array:
         """Variance of patterns (n, d): noise, and error of the model where chips see much."""
-        return presses.variance(self.noise, self.still) + share_of(presses.pattern, self.error)
+        return presses.variance(self.noise) + share_of(presses.pattern, self.error)
 
     def find(self, presses: Presses) -> Matches:
         """The best press of every head."""

@@ -8,12 +8,10 @@ import pytest
 
 from tactile_ros.estimators import few_shot
 from tactile_ros.estimators.few_shot import (
-    Metric,
     Presses,
     SupportSet,
-    choose_metric,
+    one_shot_shares,
     press_pattern,
-    share_of,
     support_scores,
 )
 from tactile_ros.estimators.press_search import shape_misfits
@@ -36,9 +34,8 @@ def drawn(count: int) -> np.ndarray:
 def supports(patterns: np.ndarray, labels: list[int] | np.ndarray) -> SupportSet:
     n = len(patterns)
     return SupportSet(
-        patterns, np.full(n, 5.0), np.array(labels), np.arange(n), np.ones(n),
-        np.zeros((n, 3, D)), np.zeros((n, D)),
-    )  # fmt: skip
+        patterns, np.full(n, 5.0), np.array(labels), np.arange(n), np.zeros((n, 4, D))
+    )
 
 
 def test_speed_of_a_press_does_not_change_its_pattern() -> None:
@@ -54,40 +51,22 @@ def test_speed_of_a_press_does_not_change_its_pattern() -> None:
     assert np.isnan(press_pattern(np.full((4, D), np.nan), BASIS)[0]).all()
 
 
-def test_alike_presses_are_one_mean_and_others_stay() -> None:
-    first, other = drawn(2)
-    known = supports(np.array([0.6, 1.0, 0.8])[:, None] * first, [2, 2, 2])
-    found = known.joined(supports(other[None], [2])).averaged(BASIS)
-    assert found.label.tolist() == [2, 2]
-    np.testing.assert_allclose(found.pattern[0], first, rtol=1e-9)
-    np.testing.assert_allclose(found.pattern[1], other, rtol=1e-12)
-    assert 1 < found.presses[0] <= 3
-
-
 def test_scores_are_likelihoods_with_their_nuisances() -> None:
-    # against the density with the same covariance; depth and uniform field are open
+    # against the density with the same covariance; a uniform field is open
     pattern, slope, bend = drawn(3)
-    known = replace(
-        supports(pattern[None], [0]), slopes=np.array([[slope / 1e-3, 0 * slope, 0 * slope]]),
-        bends=0.3 * bend[None],
-    )  # fmt: skip
-    metric = Metric(3e-4, 0.02, 0.2, 0.02)
+    slopes = np.stack([slope / 3e-4, 0 * slope, 0 * slope, bend])
+    known = replace(supports(pattern[None], [0]), slopes=slopes[None])
     asked = pattern + 0.2 * slope + 2e-6 * RNG.normal(size=D)
-    presses = Presses(asked[None], np.full(1, 5.0))
-    score = support_scores(known, presses, NOISE, COMMON, 1e-6, metric)
+    score = support_scores(known, Presses(asked[None], np.full(1, 5.0)), NOISE, COMMON)
     ratio = (asked @ pattern) / (pattern @ pattern)
-    made = ratio * (pattern + np.log(ratio) * known.bends[0])
-    variance = (1 + ratio**2) * (NOISE**2 / 5 + 1e-12) + 2 * share_of(asked, 0.02)
-    ways = [metric.place * known.slopes[0, 0], metric.bend * known.bends[0]]
-    ways = np.array(ways) * ratio * np.sqrt(2) / np.sqrt(variance)
-    size = made / few_shot.ANY_DEPTH / np.sqrt(variance)
-    field = 1e4 * COMMON.T / np.sqrt(variance)
-    miss = (asked - made) / np.sqrt(variance)
-    free = np.vstack([ways, size, 1e-5 * field])
-    cost = miss @ np.linalg.solve(np.eye(D) + free.T @ free, miss)
-    span = np.linalg.qr(field.T)[0]
-    ways = ways - (ways @ span) @ span.T
-    level = np.log(variance).sum() + np.linalg.slogdet(np.eye(2) + ways @ ways.T)[1]
+    made = ratio * (pattern + np.log(ratio) * bend)
+    sigma = NOISE * np.sqrt((1 + ratio**2) / 5)
+    ways = np.vstack([few_shot.ANY_SIZE * made, ratio * few_shot.UNLIKE[:, None] * slopes]) / sigma
+    span = np.linalg.qr(COMMON / sigma[:, None])[0]
+    ways, miss = (one - (one @ span) @ span.T for one in (ways, (asked - made) / sigma))
+    covariance = np.eye(D) + ways.T @ ways
+    cost = miss @ np.linalg.solve(covariance, miss)
+    level = 2 * np.log(sigma).sum() + np.linalg.slogdet(covariance)[1]
     assert score[0, 0] == pytest.approx(cost + level, rel=1e-6)
 
 
@@ -97,32 +76,27 @@ def places_and_shapes(kinds: int, presses: int, aside: float) -> SupportSet:
     shapes = base + 0.15 * drawn(kinds)
     shape, along = np.repeat(np.arange(kinds), presses), aside * RNG.normal(size=kinds * presses)
     known = supports(shapes[shape] + along[:, None] * slope, shape)
-    slopes = np.zeros((len(shape), 3, D))
+    slopes = np.zeros((len(shape), 4, D))
     slopes[:, 0] = slope / 4e-4
     return replace(known, slopes=slopes)
 
 
-def test_a_metric_that_discounts_placement_names_more_than_prototypes() -> None:
-    known = places_and_shapes(6, 12, 0.4)
-    metric, right = choose_metric(known, NOISE, COMMON, 1e-6)
-    assert metric is not None
+def test_a_likelihood_that_discounts_placement_names_more_than_unit_vectors() -> None:
+    right = one_shot_shares(places_and_shapes(6, 12, 0.4), NOISE, COMMON)
     assert right['accuracy_whitened'] > right['accuracy_prototypes'] + 0.2
 
 
-def test_a_metric_that_loses_to_prototypes_is_not_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
-    known = places_and_shapes(6, 12, 0.1)
-
+def test_a_likelihood_that_names_nothing_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     def lost(some: SupportSet, asked: Presses, *_: object) -> np.ndarray:
         return np.zeros((len(asked.frames), len(some.label)))
 
     monkeypatch.setattr(few_shot, 'support_scores', lost)
-    metric, right = choose_metric(known, NOISE, COMMON, 1e-6)
-    assert metric is None
+    right = one_shot_shares(places_and_shapes(6, 12, 0.1), NOISE, COMMON)
     assert right['accuracy_prototypes'] > right['accuracy_whitened']
 
 
-def test_presses_of_which_none_repeats_choose_nothing() -> None:
-    assert choose_metric(supports(drawn(4), [0, 1, 2, 3]), NOISE, COMMON, 1e-6) == (Metric(), {})
+def test_presses_of_which_none_repeats_say_nothing() -> None:
+    assert one_shot_shares(supports(drawn(4), [0, 1, 2, 3]), NOISE, COMMON) == {}
 
 
 def test_the_nearest_mean_wins_not_the_farthest() -> None:

@@ -68,9 +68,9 @@ def test_a_fit_takes_it_where_it_is_better(
     skin: Specimen, taught: Recording, asked: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def poor(*_: object) -> object:
-        return None, {'accuracy_whitened': 0.0, 'accuracy_prototypes': 0.0}
+        return {'accuracy_whitened': 0.0, 'accuracy_prototypes': 0.0}
 
-    monkeypatch.setattr('tactile_ros.sensors.multipole_skin.press_fit.choose_metric', poor)
+    monkeypatch.setattr('tactile_ros.sensors.multipole_skin.press_fit.one_shot_shares', poor)
     pipeline = SPEC.pipeline(CONFIG).fit(taught)
     assert pipeline.estimators['label'] in NETWORKS
     (share,) = pipeline.report['label_by_network'].values()

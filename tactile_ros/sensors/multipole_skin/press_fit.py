@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.estimators.covariance import CovarianceModel
-from tactile_ros.estimators.few_shot import Rows, choose_metric, press_patterns
+from tactile_ros.estimators.few_shot import Rows, one_shot_shares, press_patterns
 from tactile_ros.estimators.model_selection import spread_rows
 from tactile_ros.estimators.sheet_calibration import (
     NODES,
@@ -45,8 +45,6 @@ NOT_THIS = 0.3  # of a press, missed by the model: truth speaks of something els
 ERRORS = (0.012, 0.2)
 TURNINGS = (0.0, 1.0)  # shares of the body's turns that magnets follow
 NEAR = 3e-3  # m, from its label, at which a press of an unknown turn is looked for
-LEAST_STILL = 0.3  # of the noise
-CHI_SQUARED_MIDDLE = 0.4549  # median of the square of a normal deviate
 SAME = 1e-4  # m, places
 
 
@@ -134,8 +132,6 @@ def learn(
         None if fit is None else fit.model, heads, noise,
         drawn.common if fit is None else fit.model.common, library=() if heads else nine_heads(),
     )  # fmt: skip
-    if len(whole) >= FEWEST:
-        recogniser.still_ = max(recogniser.still_, presses.still(noise))
     firm = np.flatnonzero(recogniser.strength(presses) >= WEAKEST)
     presses, labels = presses.rows(firm), labels.rows(firm)
     outside = presses
@@ -183,7 +179,7 @@ def _fit_sheet(
     if len(kept) < FEWEST:
         return presses, {}
     kept = spread_rows(kept, MOST_FITTED)
-    variance = presses.variance(recogniser.noise, recogniser.still_)
+    variance = presses.variance(recogniser.noise)
     known = [
         LabelledPress(
             (recogniser.outlines or recogniser.library)[head[i]],
@@ -241,7 +237,7 @@ def _turning(
 
 
 def choose(recogniser: Recogniser, presses: Presses, outside: Presses, labels: Labels) -> Report:
-    """Keep supports, choose the metric and the road that are right most often on held-out presses.
+    """Keep supports, and choose the road that is right most often on held-out presses.
 
     `presses` are windows (n), `outside` the same as templates see them whose skin was fitted
     without them; the recogniser is changed.
@@ -250,21 +246,13 @@ def choose(recogniser: Recogniser, presses: Presses, outside: Presses, labels: L
     if not len(use):
         return {}
     presses, outside, labels = presses.rows(use), outside.rows(use), labels.rows(use)
-    matches = recogniser.matches(presses)
-    if matches is not None:
-        recogniser.still_ = _unaveraged(recogniser, presses, matches)
-        assert recogniser.search is not None
-        recogniser.search.let_still(recogniser.still_)
-        matches = recogniser.matches(presses)
-    known = recogniser.supports(presses, labels.label, labels.number, matches)
-    recogniser.known_ = known
-    metric, right = choose_metric(known, recogniser.noise, recogniser.common, recogniser.still_)
+    recogniser.known_ = recogniser.supports(presses, labels.label, labels.number)
+    right = one_shot_shares(recogniser.known_, recogniser.noise, recogniser.common)
     report = {'label_by_prototypes': right} if right else {}
-    if metric is not None:
-        recogniser.metric_ = metric
     if not recogniser.described:
-        recogniser.road_ = 'press_neighbours' if metric is not None else 'prototypes'
         if right:
+            better = right['accuracy_whitened'] >= right['accuracy_prototypes']
+            recogniser.road_ = 'press_neighbours' if better else 'prototypes'
             report['label_by_press'] = {f'accuracy_{recogniser.road_}': max(right.values())}
         return report
     unseen = recogniser.matches(outside)
@@ -285,24 +273,6 @@ def choose(recogniser: Recogniser, presses: Presses, outside: Presses, labels: L
     report['label_by_press'] = {f'accuracy_{road}': shares[road] for road in shares}
     report.update(_placed(recogniser, labels, unseen, presses, named))
     return report
-
-
-def _unaveraged(recogniser: Recogniser, presses: Presses, matches: Matches) -> float:
-    """Error of patterns that frames do not average (T), at chips that see little of a press."""
-    n = np.arange(len(presses.pattern))
-    best = matches.cost.argmin(axis=1)
-    fitted = matches.fitted[n, best].reshape(len(n), -1, 3)
-    miss = presses.pattern.reshape(fitted.shape) - fitted
-    here = np.square(fitted).sum(axis=2)
-    quiet = here <= np.median(here, axis=1, keepdims=True)
-    middle = np.array(
-        [np.median(one[chips], axis=0) for one, chips in zip(miss, quiet, strict=True)]
-    )
-    square = np.square(miss - middle[:, None])
-    usual = np.array([np.median(one[chips]) for one, chips in zip(square, quiet, strict=True)])
-    usual = usual / CHI_SQUARED_MIDDLE - np.square(recogniser.noise).mean() / presses.frames
-    least = LEAST_STILL * float(recogniser.noise.mean())
-    return float(np.clip(np.sqrt(max(np.median(usual), 0.0)), least, recogniser.still_))
 
 
 def _validated(

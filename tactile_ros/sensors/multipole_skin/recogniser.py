@@ -20,10 +20,8 @@ import numpy as np
 
 from tactile_ros.estimators.embedding import Embedding
 from tactile_ros.estimators.few_shot import (
-    Metric,
     SupportSet,
     prototype_scores,
-    share_of,
     support_scores,
     without_field,
 )
@@ -216,7 +214,6 @@ def best_network(
 MODEL_ERROR = 0.03  # of what a chip sees, where no press determines it
 WEAKEST = 5.0  # sigma of the strongest reading
 WIDE = 2.5  # deviations of a turn that count as its range
-STILL = 0.5  # of the noise: what frames do not average, where no press determines it
 AROUND = 5e-3  # m, within which heads may press beside those that were seen
 LEAST = np.array([1e-4, 1e-4, 1e-3])  # shares of these ranges
 WHOLE = 8  # degrees of freedom, as which the misfit over all readings counts
@@ -277,12 +274,8 @@ class Recogniser:
         Presses of classes that were fitted, and of those enrolled since.
     road_ : str
         'press_templates', 'press_both', 'press_neighbours' or 'prototypes'.
-    metric_ : Metric
-        Usual differences of presses of one class.
     turnings : tuple of float
         Other shares of the body's turns that the skin's magnets may follow.
-    still_ : float
-        Error of a pattern that frames do not average (T).
     covariance_ : CovarianceModel or None
         Of place and turn, from held-out presses.
     usual_, vary_ : float
@@ -297,11 +290,10 @@ class Recogniser:
         self.noise, self.common = noise, common
         self.turnings: tuple[float, ...] = ()
         self.known_ = self.enrolled_ = SupportSet.empty(len(noise))
-        self.road_ = 'press_templates' if model is not None and outlines else 'press_neighbours'
-        self.metric_ = Metric()
+        by_model = 'press_templates' if outlines else 'press_neighbours'
+        self.road_ = 'prototypes' if model is None else by_model
         self.covariance_: CovarianceModel | None = None
         self.usual_, self.vary_ = 0.0, UNTOLD
-        self.still_ = STILL * float(np.mean(noise))
 
     @cached_property
     def basis(self) -> Array:
@@ -333,9 +325,7 @@ class Recogniser:
         others = [replace(self.model, turning=turning) for turning in self.turnings]
         for skin in (*others, self.model):
             bank = bank_of(skin, heads)
-            found = PressSearch(
-                bank, self.noise, self.common, skin.body, self.error, self.still_, found
-            )
+            found = PressSearch(bank, self.noise, self.common, skin.body, self.error, found)
         return found
 
     @cached_property
@@ -348,13 +338,12 @@ class Recogniser:
     def with_enrolled(self, enrolled: SupportSet) -> Recogniser:
         """The same with other enrolled classes."""
         other = copy(self)
-        vars(other).pop('_prototypes', None)
         other.enrolled_ = enrolled
         return other
 
     def refresh(self) -> None:
         """Forget what was made for another error or skin."""
-        for name in ('search', 'basis', '_prototypes', '_sectors', 'spare'):
+        for name in ('search', 'basis', '_sectors', 'spare'):
             vars(self).pop(name, None)
 
     def matches(self, presses: Presses) -> Matches | None:
@@ -369,22 +358,20 @@ class Recogniser:
         With what the most alike template of each changes by; without templates nothing is known.
         """
         n, d = presses.pattern.shape
-        slopes, bends = np.zeros((n, 3, d)), np.zeros((n, d))
+        slopes = np.zeros((n, 4, d))
         matches = self.matches(presses) if matches is None else matches
         if matches is not None and self.search is not None and n:
             each, best = np.arange(n), matches.cost.argmin(axis=1)
-            pose, slopes = matches.pose[each, best], matches.slopes[each, best, :3]
+            pose, slopes = matches.pose[each, best], matches.slopes[each, best].copy()
             terms = self.search.bank.at(best, pose[:, :3])[:, 0]
             deep = pose[:, 3, None]
-            bends = deep**2 * terms[:, 1] + 2 * deep**3 * terms[:, 2]
-        return SupportSet(
-            presses.pattern, presses.frames, labels, number, np.ones(n), slopes, bends
-        )
+            slopes[:, 3] = deep**2 * terms[:, 1] + 2 * deep**3 * terms[:, 2]
+        return SupportSet(presses.pattern, presses.frames, labels, number, slopes)
 
     def strength(self, presses: Presses) -> Array:
         """Strongest reading of each press over its noise, without any uniform field."""
         own = without_field(presses.pattern, self.basis)
-        noise = np.sqrt(presses.variance(self.noise, self.still_))
+        noise = np.sqrt(presses.variance(self.noise))
         return np.asarray((np.abs(own) / noise).max(axis=1))
 
     def template_scores(self, matches: Matches) -> Array:
@@ -417,17 +404,17 @@ class Recogniser:
         if matches is not None and self.described:
             score, misfit = self.template_scores(matches), self.template_misfits(matches)
             columns = {i: (score[:, i], misfit[:, i]) for i in range(score.shape[1])}
-        means = self._means(None if road == 'press_templates' else known)
-        if means is not None:
+        supports = self.enrolled_
+        if road != 'press_templates':
+            supports = known.joined(supports)
+        if len(supports.label):
             if road == 'prototypes':
-                score, level = prototype_scores(means, presses, self.basis), np.zeros(n)
+                score, level = prototype_scores(supports, presses, self.basis), np.zeros(n)
             else:
-                score = support_scores(
-                    means, presses, self.noise, self.common, self.still_, self.metric_
-                )
-                level = self._level(presses)
-            for label in np.unique(means.label).tolist():
-                best = score[:, means.label == label].min(axis=1)
+                score = support_scores(supports, presses, self.noise, self.common)
+                level = np.log(presses.variance(self.noise)).sum(axis=1)
+            for label in np.unique(supports.label).tolist():
+                best = score[:, supports.label == label].min(axis=1)
                 cost = (best - level) / self.spare
                 if label in columns:
                     old = columns[label]
@@ -437,27 +424,6 @@ class Recogniser:
         labels = np.array(sorted(columns), np.int64)
         both = np.array([columns[i] for i in labels.tolist()]).reshape(len(labels), 2, n)
         return labels, both[:, 0].T, both[:, 1].T
-
-    def _means(self, known: SupportSet | None) -> SupportSet | None:
-        """Prototypes of enrolled and known classes; made anew when they differ."""
-        last = self._prototypes[0] if self._prototypes else None
-        if last is None or last[0] is not known or last[1] is not self.enrolled_:
-            supports = self.enrolled_ if known is None else known.joined(self.enrolled_)
-            made = supports.averaged(self.basis) if len(supports.label) else None
-            self._prototypes[:] = [(known, self.enrolled_, made)]
-        return self._prototypes[0][2]
-
-    @cached_property
-    def _prototypes(self) -> list[tuple[SupportSet | None, SupportSet, SupportSet | None]]:
-        """Supports that prototypes were made from the last time, and they."""
-        return []
-
-    def _level(self, presses: Presses) -> Array:
-        """Logarithm of the variance of repeated presses (n,)."""
-        noise = presses.variance(self.noise, self.still_)
-        return np.asarray(
-            np.log(noise + share_of(presses.pattern, self.metric_.share)).sum(axis=1)
-        )
 
     def chances(self, scores: Array, misfits: Array) -> tuple[Array, Array]:
         """Probabilities of classes, shape (n, k), and that it is none of them (n,)."""
