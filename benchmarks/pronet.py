@@ -147,9 +147,9 @@ class Tasks:
             press_patterns(list(samples.windows[rows].astype(float)), ours.basis)
             for rows in (known, asked)
         )
-        supports = ours.supports(lessons, samples.label[known], known)
-        score = support_scores(supports, presses, ours.noise, ours.common)
-        return np.asarray(supports.label[score.argmin(axis=1)])
+        means = ours.supports(lessons, samples.label[known], known).averaged(ours.basis)
+        score = support_scores(means, presses, ours.noise, ours.common, ours.still_)
+        return np.asarray(means.label[score.argmin(axis=1)])
 
 
 def by_place(places: Integers, right: Array) -> tuple[float, ...]:

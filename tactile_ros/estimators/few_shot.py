@@ -1,10 +1,11 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Classes of presses from few presses, in a metric that discounts how they were placed.
 
-Two presses of one head differ by its place, turn and depth, and by any uniform field; a model of
-the sheet gives what these do to the pattern of a press, also of a head that nobody described: a
-described head of like pattern stands in for it. Along them a distance costs little. Without a
-model the nearest unit vector decides.
+A class is the mean of its presses at a place, [1] eq. (2). Two presses of one head differ by its
+place, turn and depth, and by any uniform field; a model of the sheet gives what these do to the
+pattern of a press, also of a head that nobody described: a described head of like pattern stands
+in for it. Along them a distance costs little. Where that names fewer held-out presses, the
+nearest mean of unit vectors decides.
 """
 
 from __future__ import annotations
@@ -21,11 +22,12 @@ if TYPE_CHECKING:
 
 LATE = 0.34  # of a window: frames that show the pattern first
 TINY = np.finfo(np.float64).tiny
-CLOSEST = 64  # supports that are compared in full
-RATIOS = 0.05, 20.0  # size of a press over that of a support
+ALIKE = 0.95  # cosine of presses of one class that are averaged
+CLOSEST = 16  # prototypes that are compared in full
+RATIOS = 0.05, 20.0  # size of a press over that of a prototype
 ANY_SIZE = 0.5  # deviation of that ratio from the one that fits best
-# deviations of two presses of one class: place (m), turn (rad), logarithm of the depth
-UNLIKE = np.sqrt(2) * np.array([2e-4, 2e-4, 0.02, 0.1])
+# deviations of presses of one class: place (m), turn (rad), logarithm of the depth
+UNLIKE = np.array([2e-4, 2e-4, 0.02, 0.1])
 DRAWS, MOST_ASKED = 2, 150  # of support presses, and queries, by which a way is chosen
 SAME_PLACE = 0.7  # cosine of presses of one class at one place
 UNIT_ERROR = 0.1  # of a unit vector
@@ -61,9 +63,9 @@ class Presses(Rows):
     pattern: Array
     frames: Array
 
-    def variance(self, noise: Array) -> Array:
-        """Variance of patterns (n, d) by noise (d,) of frames."""
-        return np.asarray(np.square(noise) / np.maximum(self.frames, TINY)[:, None])
+    def variance(self, noise: Array, still: float) -> Array:
+        """Variance of patterns (n, d) by noise (d,) of frames and errors that do not average."""
+        return np.asarray(np.square(noise) / np.maximum(self.frames, TINY)[:, None] + still**2)
 
 
 def without_field(patterns: Array, basis: Array) -> Array:
@@ -115,6 +117,8 @@ class SupportSet(Presses):
     ----------
     label, number : ndarray, shape (m,)
         Class; press that each is a window of: windows of one press are one piece of evidence.
+    presses : ndarray, shape (m,)
+        How many presses each is the mean of.
     slopes : ndarray, shape (m, 4, d)
         Change of the pattern with place (T / m), turn (T / rad), and with the logarithm of the
         depth beside its size (T); 0 where unknown.
@@ -122,18 +126,51 @@ class SupportSet(Presses):
 
     label: Integers
     number: Integers
+    presses: Array
     slopes: Array
 
     @classmethod
     def empty(cls, d: int) -> SupportSet:
         """None yet, of patterns of length d."""
-        none = np.zeros(0, np.int64)
-        return cls(np.zeros((0, d)), np.zeros(0), none, none, np.zeros((0, 4, d)))
+        whole, none = np.zeros(0, np.int64), np.zeros(0)
+        return cls(np.zeros((0, d)), none, whole, whole, none, np.zeros((0, 4, d)))
 
     def without(self, label: int) -> SupportSet:
         """All but those of a class; classes above it move down by one."""
         left = self.rows(np.flatnonzero(self.label != label))
         return replace(left, label=left.label - (left.label > label))
+
+    def averaged(self, basis: Array) -> SupportSet:
+        """Means of presses of one class that are alike, and the presses that are not.
+
+        All are brought to the size of the strongest one; a uniform field is left out (d, 3).
+        """
+        found, own = [], without_field(self.pattern, basis)
+        size = np.linalg.norm(own, axis=1)
+        for label in np.unique(self.label):
+            left = np.flatnonzero(self.label == label)
+            while len(left):
+                first = left[size[left].argmax()]
+                cosine = own[left] @ own[first] / np.maximum(size[left] * size[first], TINY)
+                alike = (cosine > ALIKE) | (left == first)
+                rows, left = left[alike], left[~alike]
+                ratio = np.square(size[first]) / np.maximum(own[rows] @ own[first], TINY)
+                found.append(self._mean(rows, first, np.maximum(ratio, 1.0)))
+        return SupportSet(*(np.concatenate(column) for column in zip(*found, strict=True)))
+
+    def _mean(self, rows: Integers, first: int, ratio: Array) -> list[npt.NDArray[np.generic]]:
+        """Columns of the mean of some, each stronger by a ratio, beside the label of one."""
+        weight = self.frames[rows] / np.square(ratio)
+        share = weight / weight.sum() * ratio
+
+        def mean(column: Array) -> Array:
+            return np.tensordot(share, column[rows], axes=1)[None]
+
+        return [
+            mean(self.pattern), weight.sum(keepdims=True), self.label[[first]],
+            self.number[[first]], 1 / np.square(share).sum(keepdims=True),
+            mean(self.slopes),
+        ]  # fmt: skip
 
 
 def share_of(pattern: Array, share: float) -> Array:
@@ -144,17 +181,20 @@ def share_of(pattern: Array, share: float) -> Array:
     return np.asarray(np.repeat(here, 3, axis=-1))
 
 
-def support_scores(supports: SupportSet, presses: Presses, noise: Array, common: Array) -> Array:
-    """Twice the negative log-likelihood (n, m) of presses given supports; inf: far away.
+def support_scores(
+    supports: SupportSet, presses: Presses, noise: Array, common: Array, still: float
+) -> Array:
+    """Twice the negative log-likelihood (n, m) of presses under prototypes; inf: far away.
 
-    `noise` (d,) is of a reading (T), `common` (d, 3) are readings of a uniform field. Two presses
-    of one class differ by noise, size, place, turn and depth, and by any uniform field.
+    Prototypes are as of `SupportSet.averaged`; `noise` (d,) is of a reading (T), `common` (d, 3)
+    are readings of a uniform field, `still` is the error that frames do not average (T).
     """
     found = np.full((len(presses.pattern), len(supports.label)), np.inf)
     basis = np.linalg.qr(common)[0]
     size = np.linalg.norm(without_field(supports.pattern, basis), axis=1)
     unit = scaled_patterns(supports.pattern, basis)
-    theirs, variance = supports.variance(noise), presses.variance(noise)
+    theirs = noise**2 / supports.frames[:, None] + still**2 / supports.presses[:, None]
+    variance = presses.variance(noise, still)
     for i, y in enumerate(presses.pattern):
         cosine = unit @ y
         near = np.argsort(-cosine, kind='stable')[:CLOSEST]
@@ -163,14 +203,18 @@ def support_scores(supports: SupportSet, presses: Presses, noise: Array, common:
             continue
         ratio = np.clip(cosine[near] / size[near], *RATIOS)[:, None]
         made = ratio * (supports.pattern[near] + np.log(ratio) * supports.slopes[near, 3])
-        free = ratio[..., None] * UNLIKE[:, None] * supports.slopes[near]
+        wide = ratio * np.sqrt(1 + 1 / supports.presses[near, None])
+        free = wide[..., None] * UNLIKE[:, None] * supports.slopes[near]
         rows = np.concatenate([(y - made)[:, None], ANY_SIZE * made[:, None], free], axis=1)
         found[i, near] = _marginal_scores(rows, variance[i] + ratio**2 * theirs[near], common)
     return found
 
 
 def _marginal_scores(rows: Array, variance: Array, common: Array) -> Array:
-    """Scores (m,) of misfits and what may differ, one deviation of each (m, 1 + k, d)."""
+    """Scores (m,) of misfits and what may differ, one deviation of each (m, 1 + k, d).
+
+    The size, the first of these, costs as little as the depth of templates: nothing.
+    """
     sigma = np.sqrt(variance)[:, None]
     rows = rows / sigma
     span = common.T / sigma
@@ -182,10 +226,13 @@ def _marginal_scores(rows: Array, variance: Array, common: Array) -> Array:
     right = np.matmul(rows, miss[..., None])
     cost = np.square(miss).sum(axis=1)
     cost -= (np.linalg.solve(normal, right) * right).sum(axis=(1, 2))
-    return np.asarray(cost + np.log(variance).sum(axis=1) + np.linalg.slogdet(normal)[1])
+    level = np.log(variance).sum(axis=1) + np.linalg.slogdet(normal[:, 1:, 1:])[1]
+    return np.asarray(cost + level)
 
 
-def one_shot_shares(supports: SupportSet, noise: Array, common: Array) -> dict[str, float]:
+def one_shot_shares(
+    supports: SupportSet, noise: Array, common: Array, still: float
+) -> dict[str, float]:
     """Shares of held-out presses named rightly from one press of each class at each place.
 
     By likelihoods and by the nearest unit vector; empty: nothing repeats.
@@ -199,7 +246,7 @@ def one_shot_shares(supports: SupportSet, noise: Array, common: Array) -> dict[s
             return {}
         few, presses = supports.rows(known), supports.rows(asked)
         scores = (
-            support_scores(few, presses, noise, common),
+            support_scores(few, presses, noise, common, still),
             prototype_scores(few, presses, basis),
         )
         right[draw] = [(few.label[one.argmin(axis=1)] == presses.label).mean() for one in scores]

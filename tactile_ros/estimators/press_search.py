@@ -83,8 +83,9 @@ class PressSearch:
         Templates.
     noise, common : ndarray, shape (d,) and (d, 3)
         Of a reading (T); what a uniform field does to readings.
-    body, error : float
-        Height of the soft body (m); error of the model, as a share of what a chip sees.
+    body, error, still : float
+        Height of the soft body (m); error of the model, as a share of what a chip sees; error of
+        a pattern that frames do not average (T).
     other : PressSearch or None
         The same for another skin that it may be: each press is taken for one of the skin that
         explains it better.
@@ -92,9 +93,9 @@ class PressSearch:
 
     def __init__(
         self, bank: PressBank, noise: Array, common: Array, body: float, error: float,
-        other: PressSearch | None = None,
+        still: float = 0.0, other: PressSearch | None = None,
     ) -> None:  # fmt: skip
-        self.other = other
+        self.still, self.other = still, other
         self.bank, self.noise, self.body, self.error = bank, noise, body, error
         self.common = common
         self.basis = np.linalg.qr(common)[0]
@@ -117,9 +118,15 @@ class PressSearch:
         self.first = np.array([head.first for head in bank.heads])
         self.heads = np.repeat(np.arange(len(bank.heads)), STARTS)
 
+    def let_still(self, still: float) -> None:
+        """Let patterns have another error that frames do not average (T)."""
+        self.still = still
+        if self.other is not None:
+            self.other.let_still(still)
+
     def variance(self, presses: Presses) -> Array:
         """Variance of patterns (n, d): noise, and error of the model where chips see much."""
-        return presses.variance(self.noise) + share_of(presses.pattern, self.error)
+        return presses.variance(self.noise, self.still) + share_of(presses.pattern, self.error)
 
     def find(self, presses: Presses) -> Matches:
         """The best press of every head."""

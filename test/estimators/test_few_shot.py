@@ -34,8 +34,9 @@ def drawn(count: int) -> np.ndarray:
 def supports(patterns: np.ndarray, labels: list[int] | np.ndarray) -> SupportSet:
     n = len(patterns)
     return SupportSet(
-        patterns, np.full(n, 5.0), np.array(labels), np.arange(n), np.zeros((n, 4, D))
-    )
+        patterns, np.full(n, 5.0), np.array(labels), np.arange(n), np.ones(n),
+        np.zeros((n, 4, D)),
+    )  # fmt: skip
 
 
 def test_speed_of_a_press_does_not_change_its_pattern() -> None:
@@ -51,22 +52,33 @@ def test_speed_of_a_press_does_not_change_its_pattern() -> None:
     assert np.isnan(press_pattern(np.full((4, D), np.nan), BASIS)[0]).all()
 
 
+def test_alike_presses_are_one_mean_and_others_stay() -> None:
+    first, other = drawn(2)
+    known = supports(np.array([0.6, 1.0, 0.8])[:, None] * first, [2, 2, 2])
+    found = known.joined(supports(other[None], [2])).averaged(BASIS)
+    assert found.label.tolist() == [2, 2]
+    np.testing.assert_allclose(found.pattern[0], first, rtol=1e-9)
+    np.testing.assert_allclose(found.pattern[1], other, rtol=1e-12)
+    assert 1 < found.presses[0] <= 3
+
+
 def test_scores_are_likelihoods_with_their_nuisances() -> None:
     # against the density with the same covariance; a uniform field is open
     pattern, slope, bend = drawn(3)
     slopes = np.stack([slope / 3e-4, 0 * slope, 0 * slope, bend])
     known = replace(supports(pattern[None], [0]), slopes=slopes[None])
     asked = pattern + 0.2 * slope + 2e-6 * RNG.normal(size=D)
-    score = support_scores(known, Presses(asked[None], np.full(1, 5.0)), NOISE, COMMON)
+    score = support_scores(known, Presses(asked[None], np.full(1, 5.0)), NOISE, COMMON, 1e-6)
     ratio = (asked @ pattern) / (pattern @ pattern)
     made = ratio * (pattern + np.log(ratio) * bend)
-    sigma = NOISE * np.sqrt((1 + ratio**2) / 5)
-    ways = np.vstack([few_shot.ANY_SIZE * made, ratio * few_shot.UNLIKE[:, None] * slopes]) / sigma
+    sigma = np.sqrt((NOISE**2 / 5 + 1e-12) * (1 + ratio**2))
+    free = np.sqrt(2) * ratio * few_shot.UNLIKE[:, None] * slopes
+    ways = np.vstack([few_shot.ANY_SIZE * made, free]) / sigma
     span = np.linalg.qr(COMMON / sigma[:, None])[0]
     ways, miss = (one - (one @ span) @ span.T for one in (ways, (asked - made) / sigma))
     covariance = np.eye(D) + ways.T @ ways
     cost = miss @ np.linalg.solve(covariance, miss)
-    level = 2 * np.log(sigma).sum() + np.linalg.slogdet(covariance)[1]
+    level = 2 * np.log(sigma).sum() + np.linalg.slogdet(np.eye(D) + ways[1:].T @ ways[1:])[1]
     assert score[0, 0] == pytest.approx(cost + level, rel=1e-6)
 
 
@@ -82,7 +94,7 @@ def places_and_shapes(kinds: int, presses: int, aside: float) -> SupportSet:
 
 
 def test_a_likelihood_that_discounts_placement_names_more_than_unit_vectors() -> None:
-    right = one_shot_shares(places_and_shapes(6, 12, 0.4), NOISE, COMMON)
+    right = one_shot_shares(places_and_shapes(6, 12, 0.4), NOISE, COMMON, 1e-6)
     assert right['accuracy_whitened'] > right['accuracy_prototypes'] + 0.2
 
 
@@ -91,12 +103,12 @@ def test_a_likelihood_that_names_nothing_is_told(monkeypatch: pytest.MonkeyPatch
         return np.zeros((len(asked.frames), len(some.label)))
 
     monkeypatch.setattr(few_shot, 'support_scores', lost)
-    right = one_shot_shares(places_and_shapes(6, 12, 0.1), NOISE, COMMON)
+    right = one_shot_shares(places_and_shapes(6, 12, 0.1), NOISE, COMMON, 1e-6)
     assert right['accuracy_prototypes'] > right['accuracy_whitened']
 
 
 def test_presses_of_which_none_repeats_say_nothing() -> None:
-    assert one_shot_shares(supports(drawn(4), [0, 1, 2, 3]), NOISE, COMMON) == {}
+    assert one_shot_shares(supports(drawn(4), [0, 1, 2, 3]), NOISE, COMMON, 1e-6) == {}
 
 
 def test_the_nearest_mean_wins_not_the_farthest() -> None:

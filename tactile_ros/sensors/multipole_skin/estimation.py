@@ -227,7 +227,7 @@ def _noise_takes(
         return {}
     many = np.repeat(list(patterns.values()), DRAWN, axis=0)
     presses = Presses(many, np.full(len(many), new.frames[0]))
-    variance = presses.variance(recogniser.noise)
+    variance = presses.variance(recogniser.noise, recogniser.still_)
     if recogniser.search is not None:
         variance = recogniser.search.variance(presses)
     noise = np.random.default_rng(0).normal(size=many.shape)

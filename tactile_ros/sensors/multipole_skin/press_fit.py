@@ -45,6 +45,7 @@ NOT_THIS = 0.3  # of a press, missed by the model: truth speaks of something els
 ERRORS = (0.012, 0.2)
 TURNINGS = (0.0, 1.0)  # shares of the body's turns that magnets follow
 NEAR = 3e-3  # m, from its label, at which a press of an unknown turn is looked for
+CHI_SQUARED_MIDDLE = 0.4549  # median of the square of a normal deviate
 SAME = 1e-4  # m, places
 
 
@@ -179,7 +180,7 @@ def _fit_sheet(
     if len(kept) < FEWEST:
         return presses, {}
     kept = spread_rows(kept, MOST_FITTED)
-    variance = presses.variance(recogniser.noise)
+    variance = presses.variance(recogniser.noise, recogniser.still_)
     known = [
         LabelledPress(
             (recogniser.outlines or recogniser.library)[head[i]],
@@ -246,8 +247,15 @@ def choose(recogniser: Recogniser, presses: Presses, outside: Presses, labels: L
     if not len(use):
         return {}
     presses, outside, labels = presses.rows(use), outside.rows(use), labels.rows(use)
-    recogniser.known_ = recogniser.supports(presses, labels.label, labels.number)
-    right = one_shot_shares(recogniser.known_, recogniser.noise, recogniser.common)
+    matches = recogniser.matches(presses)
+    if matches is not None:
+        recogniser.still_ = _unaveraged(recogniser, presses, matches)
+        assert recogniser.search is not None
+        recogniser.search.let_still(recogniser.still_)
+        matches = recogniser.matches(presses)
+    known = recogniser.supports(presses, labels.label, labels.number, matches)
+    recogniser.known_ = known
+    right = one_shot_shares(known, recogniser.noise, recogniser.common, recogniser.still_)
     report = {'label_by_prototypes': right} if right else {}
     if not recogniser.described:
         if right:
@@ -273,6 +281,23 @@ def choose(recogniser: Recogniser, presses: Presses, outside: Presses, labels: L
     report['label_by_press'] = {f'accuracy_{road}': shares[road] for road in shares}
     report.update(_placed(recogniser, labels, unseen, presses, named))
     return report
+
+
+def _unaveraged(recogniser: Recogniser, presses: Presses, matches: Matches) -> float:
+    """Error of patterns that frames do not average (T), at chips that see little of a press."""
+    n = np.arange(len(presses.pattern))
+    best = matches.cost.argmin(axis=1)
+    fitted = matches.fitted[n, best].reshape(len(n), -1, 3)
+    miss = presses.pattern.reshape(fitted.shape) - fitted
+    here = np.square(fitted).sum(axis=2)
+    quiet = here <= np.median(here, axis=1, keepdims=True)
+    middle = np.array(
+        [np.median(one[chips], axis=0) for one, chips in zip(miss, quiet, strict=True)]
+    )
+    square = np.square(miss - middle[:, None])
+    usual = np.array([np.median(one[chips]) for one, chips in zip(square, quiet, strict=True)])
+    usual = usual / CHI_SQUARED_MIDDLE - np.square(recogniser.noise).mean() / presses.frames
+    return float(np.sqrt(max(np.median(usual), 0.0)))
 
 
 def _validated(

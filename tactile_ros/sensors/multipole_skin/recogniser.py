@@ -214,6 +214,7 @@ def best_network(
 MODEL_ERROR = 0.03  # of what a chip sees, where no press determines it
 WEAKEST = 5.0  # sigma of the strongest reading
 WIDE = 2.5  # deviations of a turn that count as its range
+STILL = 0.5  # of the noise: what frames do not average, where no press determines it
 AROUND = 5e-3  # m, within which heads may press beside those that were seen
 LEAST = np.array([1e-4, 1e-4, 1e-3])  # shares of these ranges
 WHOLE = 8  # degrees of freedom, as which the misfit over all readings counts
@@ -276,6 +277,8 @@ class Recogniser:
         'press_templates', 'press_both', 'press_neighbours' or 'prototypes'.
     turnings : tuple of float
         Other shares of the body's turns that the skin's magnets may follow.
+    still_ : float
+        Error of a pattern that frames do not average (T).
     covariance_ : CovarianceModel or None
         Of place and turn, from held-out presses.
     usual_, vary_ : float
@@ -290,10 +293,10 @@ class Recogniser:
         self.noise, self.common = noise, common
         self.turnings: tuple[float, ...] = ()
         self.known_ = self.enrolled_ = SupportSet.empty(len(noise))
-        by_model = 'press_templates' if outlines else 'press_neighbours'
-        self.road_ = 'prototypes' if model is None else by_model
+        self.road_ = 'press_templates' if model is not None and outlines else 'press_neighbours'
         self.covariance_: CovarianceModel | None = None
         self.usual_, self.vary_ = 0.0, UNTOLD
+        self.still_ = STILL * float(np.mean(noise))
 
     @cached_property
     def basis(self) -> Array:
@@ -325,7 +328,9 @@ class Recogniser:
         others = [replace(self.model, turning=turning) for turning in self.turnings]
         for skin in (*others, self.model):
             bank = bank_of(skin, heads)
-            found = PressSearch(bank, self.noise, self.common, skin.body, self.error, found)
+            found = PressSearch(
+                bank, self.noise, self.common, skin.body, self.error, self.still_, found
+            )
         return found
 
     @cached_property
@@ -338,12 +343,13 @@ class Recogniser:
     def with_enrolled(self, enrolled: SupportSet) -> Recogniser:
         """The same with other enrolled classes."""
         other = copy(self)
+        vars(other).pop('_prototypes', None)
         other.enrolled_ = enrolled
         return other
 
     def refresh(self) -> None:
         """Forget what was made for another error or skin."""
-        for name in ('search', 'basis', '_sectors', 'spare'):
+        for name in ('search', 'basis', '_prototypes', '_sectors', 'spare'):
             vars(self).pop(name, None)
 
     def matches(self, presses: Presses) -> Matches | None:
@@ -366,12 +372,12 @@ class Recogniser:
             terms = self.search.bank.at(best, pose[:, :3])[:, 0]
             deep = pose[:, 3, None]
             slopes[:, 3] = deep**2 * terms[:, 1] + 2 * deep**3 * terms[:, 2]
-        return SupportSet(presses.pattern, presses.frames, labels, number, slopes)
+        return SupportSet(presses.pattern, presses.frames, labels, number, np.ones(n), slopes)
 
     def strength(self, presses: Presses) -> Array:
         """Strongest reading of each press over its noise, without any uniform field."""
         own = without_field(presses.pattern, self.basis)
-        noise = np.sqrt(presses.variance(self.noise))
+        noise = np.sqrt(presses.variance(self.noise, self.still_))
         return np.asarray((np.abs(own) / noise).max(axis=1))
 
     def template_scores(self, matches: Matches) -> Array:
@@ -404,17 +410,15 @@ class Recogniser:
         if matches is not None and self.described:
             score, misfit = self.template_scores(matches), self.template_misfits(matches)
             columns = {i: (score[:, i], misfit[:, i]) for i in range(score.shape[1])}
-        supports = self.enrolled_
-        if road != 'press_templates':
-            supports = known.joined(supports)
-        if len(supports.label):
+        means = self._means(None if road == 'press_templates' else known)
+        if means is not None:
             if road == 'prototypes':
-                score, level = prototype_scores(supports, presses, self.basis), np.zeros(n)
+                score, level = prototype_scores(means, presses, self.basis), np.zeros(n)
             else:
-                score = support_scores(supports, presses, self.noise, self.common)
-                level = np.log(presses.variance(self.noise)).sum(axis=1)
-            for label in np.unique(supports.label).tolist():
-                best = score[:, supports.label == label].min(axis=1)
+                score = support_scores(means, presses, self.noise, self.common, self.still_)
+                level = np.log(presses.variance(self.noise, self.still_)).sum(axis=1)
+            for label in np.unique(means.label).tolist():
+                best = score[:, means.label == label].min(axis=1)
                 cost = (best - level) / self.spare
                 if label in columns:
                     old = columns[label]
@@ -424,6 +428,20 @@ class Recogniser:
         labels = np.array(sorted(columns), np.int64)
         both = np.array([columns[i] for i in labels.tolist()]).reshape(len(labels), 2, n)
         return labels, both[:, 0].T, both[:, 1].T
+
+    def _means(self, known: SupportSet | None) -> SupportSet | None:
+        """Prototypes of enrolled and known classes; made anew when they differ."""
+        last = self._prototypes[0] if self._prototypes else None
+        if last is None or last[0] is not known or last[1] is not self.enrolled_:
+            supports = self.enrolled_ if known is None else known.joined(self.enrolled_)
+            made = supports.averaged(self.basis) if len(supports.label) else None
+            self._prototypes[:] = [(known, self.enrolled_, made)]
+        return self._prototypes[0][2]
+
+    @cached_property
+    def _prototypes(self) -> list[tuple[SupportSet | None, SupportSet, SupportSet | None]]:
+        """Supports that prototypes were made from the last time, and they."""
+        return []
 
     def chances(self, scores: Array, misfits: Array) -> tuple[Array, Array]:
         """Probabilities of classes, shape (n, k), and that it is none of them (n,)."""
