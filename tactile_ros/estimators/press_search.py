@@ -23,30 +23,6 @@ if TYPE_CHECKING:
 
 LONGEST = np.array([2e-3, 2e-3, 0.35])  # m, m, rad: steps
 RATIO = (0.4, 2.5)  # of depths from step to step
-MIXTURE_DAMPING = 1e-4  # of slopes of unit length
-FEWEST = 1e-3  # degrees of freedom
-
-
-def shape_misfits(miss: Array, slopes: Array, away: Array) -> Array:
-    """Part (n,) of misfits that mixtures of other heads explain, over that by chance: about 1.
-
-    `miss` (n, d) is what the best head leaves of each press, over the deviations of readings and
-    less what a uniform field could have added; alike `slopes` (n, 4, d) of its pattern with the
-    pose, and `away` (n, h, d) from its pattern to those of all heads, of which it is one. Weights
-    of a mixture have a deviation of 1 about 0: 1 is the whole way to another head.
-    """
-    heads, free = away.shape[1], slopes.shape[1]
-    if heads == 1:
-        return np.ones(len(miss))
-    unit = slopes / (np.linalg.norm(slopes, axis=2, keepdims=True) + TINY)
-    rows = np.concatenate([unit, away], axis=1)
-    own = np.append(np.full(free, MIXTURE_DAMPING), np.ones(heads))
-    low = np.linalg.cholesky(np.matmul(rows, np.swapaxes(rows, 1, 2)) + np.diag(own))
-    gain = np.linalg.solve(low, np.matmul(rows, miss[..., None]))[:, free:, 0]
-    left = np.square(np.linalg.inv(low[:, free:, free:])).sum(axis=(1, 2))
-    return np.asarray(np.square(gain).sum(axis=1) / np.maximum(heads - left, FEWEST))
-
-
 USUAL = 0.12  # of the body: depth of the templates that are searched
 RANK = 6  # patterns that heads have in common at a place
 PLACES = 10  # looked at closely
@@ -65,7 +41,6 @@ class Matches(Rows):
     slopes: Array  # (n, heads, 4, d) change of the pattern with the pose
     fitted: Array  # (n, heads, d) pattern of the best press
     level: Array  # (n,) logarithm of the variance of the pattern
-    misfit: Array  # (n,) of the likeliest head's shape; see `shape_misfits`
 
     def or_better(self, other: Matches) -> Matches:
         """Matches of each press on this or on another skin, whichever fit better."""
@@ -135,7 +110,8 @@ class PressSearch:
         weight = 1 / np.sqrt(variance)
         span = np.swapaxes(np.linalg.qr(weight[..., None] * self.common)[0], 1, 2)
         span = np.ascontiguousarray(span)
-        wanted = _cleared((presses.pattern * weight)[:, None], span)[:, 0]
+        wanted = presses.pattern * weight
+        wanted -= np.einsum('ni,nki,nkd->nd', wanted, span, span)
         pose, cost = np.empty((n, heads, 4)), np.empty((n, heads))
         normal, plain = np.empty((n, heads, 4, 4)), np.empty((n, heads, 5, d))
         starts = STARTS * heads
@@ -154,13 +130,9 @@ class PressSearch:
         unit = np.sqrt(np.diagonal(normal, axis1=2, axis2=3)) + TINY
         size = unit[..., None] * unit[..., None, :]
         cov = np.linalg.inv(normal / size + DAMPING * np.eye(4)) / size
-        likeliest = plain[np.arange(n), cost.argmin(axis=1)]
-        away = plain[:, :, 0] - likeliest[:, :1]
-        rows = _cleared(np.concatenate([likeliest, away], axis=1) * weight[:, None], span)
         found = Matches(
-            cost, pose, cov, plain[:, :, 1:], plain[:, :, 0], np.log(variance).sum(axis=1),
-            shape_misfits(wanted - rows[:, 0], rows[:, 1:5], rows[:, 5:]),
-        )  # fmt: skip
+            cost, pose, cov, plain[:, :, 1:], plain[:, :, 0], np.log(variance).sum(axis=1)
+        )
         return found if self.other is None else found.or_better(self.other.find(presses))
 
     def _starts(self, own: Array) -> Array:
@@ -176,11 +148,6 @@ class PressSearch:
             pose[i, :, :2] = self.places[near[where]]
             pose[i, :, 2] = turn * head.sector / head.turns
         return pose.reshape(-1, 4)
-
-
-def _cleared(rows: Array, span: Array) -> Array:
-    """Rows (n, r, d) without what a uniform field could have added, (n, 3, d) orthonormal."""
-    return np.asarray(rows - np.matmul(np.matmul(rows, np.swapaxes(span, 1, 2)), span))
 
 
 def _leading(gram: Array, rank: int) -> Array:

@@ -277,7 +277,7 @@ def choose(recogniser: Recogniser, presses: Presses, outside: Presses, labels: L
     recogniser.road_ = best
     named, misfit = found[best]
     rightly = misfit[(named == labels.label) & np.isfinite(misfit)]
-    recogniser.usual_, recogniser.vary_ = usual_misfit(rightly, recogniser.freedom)
+    recogniser.usual_ = usual_misfit(rightly)
     report['label_by_press'] = {f'accuracy_{road}': shares[road] for road in shares}
     report.update(_placed(recogniser, labels, unseen, presses, named))
     return report
@@ -324,10 +324,7 @@ def _placed(
 
     Of the head that each press is named, as in use: who errs in the head errs in the place.
     """
-    scores = recogniser.template_scores(matches)
-    chances, none = recogniser.chances(scores, recogniser.template_misfits(matches))
-    weight = recogniser.weights(matches, np.arange(scores.shape[1]), chances, none)
-    pose, stated, order = recogniser.placed(matches, named, weight)
+    pose, stated, order = recogniser.placed(matches, named)
     error = np.full((len(named), 3), np.nan)
     error[:, :2] = pose[:, :2] - labels.place[:, :2]
     sector = 2 * np.pi / np.maximum(order, 1)

@@ -40,47 +40,42 @@ if TYPE_CHECKING:
 
 NONE = 0.1  # how often something presses that is none of the classes
 UNLIKE = 4.6  # logarithm of the misfit, over which that is spread: a factor of a hundred
-UNTOLD = 0.8  # deviation of that logarithm where no press tells it
-LEAST_TOLD = 2.4  # of it, at one degree of freedom: presses of one head tell not how others differ
+ABOVE = 0.8  # deviation of that logarithm of a class from its usual one
 FEW = 5  # presses, as which what is usual counts
 
 
-def usual_misfit(misfits: Array, freedom: int) -> tuple[float, float]:
-    """Usual misfit of a class by its own presses: middle of its logarithm, and spread above.
+def usual_misfit(misfits: Array) -> float:
+    """Middle of the logarithm of misfits (n,) of held-out presses that were named rightly.
 
-    Misfits (n,) are over their variance, of held-out presses that were named rightly.
+    Misfits are over their variance.
     """
     if not len(misfits):
-        return 0.0, UNTOLD
-    found = np.log(np.maximum(misfits, 1e-3))
-    weight = len(found) / (len(found) + FEW)
-    usual = weight * float(np.median(found))
-    above = np.square(np.maximum(found - usual, 0.0))
-    square = 2 * weight * above.mean() + (1 - weight) * UNTOLD**2
-    return usual, float(np.sqrt(max(square, LEAST_TOLD**2 / freedom)))
+        return 0.0
+    middle = float(np.median(np.log(np.maximum(misfits, 1e-3))))
+    return middle * len(misfits) / (len(misfits) + FEW)
 
 
-def none_chance(misfits: Array, usual: float, vary: float) -> Array:
+def none_chance(misfits: Array, usual: float) -> Array:
     """Probability that what pressed is none of the classes, from the best one's misfit (n,).
 
     Others fit anyhow, within a wide factor; classes as held-out presses do, or better.
     """
-    away = np.maximum(np.log(np.maximum(misfits, 1e-3)) - usual, 0.0) / vary
-    fits = np.exp(-0.5 * np.square(away)) / (np.sqrt(2 * np.pi) * vary)
+    away = np.maximum(np.log(np.maximum(misfits, 1e-3)) - usual, 0.0) / ABOVE
+    fits = np.exp(-0.5 * np.square(away)) / (np.sqrt(2 * np.pi) * ABOVE)
     return np.asarray(NONE / UNLIKE / (NONE / UNLIKE + (1 - NONE) * fits))
 
 
-def class_chances(scores: Array, misfits: Array, usual: float, vary: float) -> tuple[Array, Array]:
+def class_chances(scores: Array, misfits: Array, usual: float) -> tuple[Array, Array]:
     """Probabilities of classes, shape (n, k), and that it is none of them (n,).
 
     Scores (n, k) are twice the negative log-likelihood, inf: far away; misfits (n, k) are over
-    their variance; `usual` and `vary` are of `usual_misfit`.
+    their variance; `usual` is of `usual_misfit`.
     """
     n = np.arange(len(scores))
     best = scores.argmin(axis=1)
     low, misfit = scores[n, best], misfits[n, best]
     near = np.isfinite(low)
-    none = np.where(near, none_chance(np.where(near, misfit, 1.0), usual, vary), 1.0)
+    none = np.where(near, none_chance(np.where(near, misfit, 1.0), usual), 1.0)
     with np.errstate(invalid='ignore'):
         away = np.where(near[:, None], scores - low[:, None], np.inf)
     # where nothing fits well, differences of misfits say less
@@ -217,7 +212,6 @@ WIDE = 2.5  # deviations of a turn that count as its range
 STILL = 0.5  # of the noise: what frames do not average, where no press determines it
 AROUND = 5e-3  # m, within which heads may press beside those that were seen
 LEAST = np.array([1e-4, 1e-4, 1e-3])  # shares of these ranges
-WHOLE = 8  # degrees of freedom, as which the misfit over all readings counts
 FREE = 4  # parameters of a press that are fitted, beside a uniform field
 WITNESSES = 3  # heads that say where a shape presses that nobody described
 MOST_BANKS = 2  # that are kept: each costs seconds and tens of megabytes
@@ -281,7 +275,7 @@ class Recogniser:
         Error of a pattern that frames do not average (T).
     covariance_ : CovarianceModel or None
         Of place and turn, from held-out presses.
-    usual_, vary_ : float
+    usual_ : float
         Of `usual_misfit`.
     """
 
@@ -295,7 +289,7 @@ class Recogniser:
         self.known_ = self.enrolled_ = SupportSet.empty(len(noise))
         self.road_ = 'press_templates' if model is not None and outlines else 'press_neighbours'
         self.covariance_: CovarianceModel | None = None
-        self.usual_, self.vary_ = 0.0, UNTOLD
+        self.usual_ = 0.0
         self.still_ = STILL * float(np.mean(noise))
 
     @cached_property
@@ -312,11 +306,6 @@ class Recogniser:
     def spare(self) -> int:
         """Readings that are left over by what is fitted; dead chips have none."""
         return int(np.count_nonzero(np.abs(self.common).sum(axis=1))) - 3 - FREE
-
-    @property
-    def freedom(self) -> int:
-        """Degrees of freedom of misfits."""
-        return len(self.outlines) - 1 + WHOLE if self.described else self.spare
 
     @cached_property
     def search(self) -> PressSearch | None:
@@ -391,16 +380,6 @@ class Recogniser:
             part = np.maximum(np.fmin(wide, 1.0), np.square(LEAST))  # NaN: 1
         return np.asarray(matches.cost + matches.level[:, None] - np.log(part).sum(axis=2))
 
-    def template_misfits(self, matches: Matches) -> Array:
-        """Misfit of the likeliest head over that by chance, for every head (n, heads).
-
-        Along the other heads, and a little over all readings: few heads tell little of shapes.
-        """
-        heads = matches.cost.shape[1]
-        whole = matches.cost.min(axis=1) / self.spare
-        found = ((heads - 1) * matches.misfit + WHOLE * whole) / self.freedom
-        return np.repeat(found[:, None], heads, axis=1)
-
     def scores(
         self, presses: Presses, matches: Matches | None, known: SupportSet, road: str
     ) -> tuple[Integers, Array, Array]:
@@ -408,8 +387,8 @@ class Recogniser:
         n = len(presses.pattern)
         columns: dict[int, tuple[Array, Array]] = {}
         if matches is not None and self.described:
-            score, misfit = self.template_scores(matches), self.template_misfits(matches)
-            columns = {i: (score[:, i], misfit[:, i]) for i in range(score.shape[1])}
+            score, misfit = self.template_scores(matches), matches.cost.min(axis=1) / self.spare
+            columns = {i: (score[:, i], misfit) for i in range(score.shape[1])}
         means = self._means(None if road == 'press_templates' else known)
         if means is not None:
             if road == 'prototypes':
@@ -449,8 +428,8 @@ class Recogniser:
             return scores, np.ones(len(scores))
         if self.road_ in ('press_neighbours', 'prototypes') and not self.described:
             # nothing is known of how other shapes fit: the nearest class is named
-            return class_chances(scores, np.zeros_like(misfits), 0.0, 1.0)
-        return class_chances(scores, misfits, self.usual_, self.vary_)
+            return class_chances(scores, np.zeros_like(misfits), 0.0)
+        return class_chances(scores, misfits, self.usual_)
 
     def answer(self, presses: Presses) -> Answers:
         """Estimate label, place and turn of presses (n)."""
@@ -471,8 +450,7 @@ class Recogniser:
                 label[firm] = np.where(chance > none, labels[best], -1)
                 probability[firm] = np.where(chance > none, chance, np.nan)
             if matches is not None:
-                weight = self.weights(matches, labels, chances, none)
-                pose[firm], stated, order[firm] = self.placed(matches, label[firm], weight)
+                pose[firm], stated, order[firm] = self.placed(matches, label[firm])
                 cov[firm] = self.calibrated(stated, some)
         return Answers(label, probability, pose, cov, order)
 
@@ -488,12 +466,10 @@ class Recogniser:
         found[other] = stated[other]
         return np.asarray(found)
 
-    def placed(
-        self, matches: Matches, label: Integers, weight: Array
-    ) -> tuple[Array, Array, Integers]:
+    def placed(self, matches: Matches, label: Integers) -> tuple[Array, Array, Integers]:
         """Pose (n, 3), covariance and order of symmetry of the head named; else where several say.
 
-        With weights (n, heads) the covariance holds how far aside other heads would have pressed.
+        Of these the covariance holds how far they are apart.
         """
         sectors, orders = self._sectors
         n = np.arange(len(label))
@@ -505,26 +481,13 @@ class Recogniser:
         pose[free, 2], cov[free, 2, :], cov[free, :, 2] = 0.0, 0.0, 0.0
         cov[free, 2, 2] = np.pi**2 / 3
         if not mine.all():
-            share = _witnesses(matches)[~mine]
-            pose[~mine, :2] = np.einsum('nh,nhi->ni', share, matches.pose[~mine][..., :2])
-            within = np.einsum('nh,nhij->nij', share, matches.cov[~mine][..., :2, :2])
-            cov[~mine, :2, :2] = within
+            share, places = _witnesses(matches)[~mine], matches.pose[~mine][..., :2]
+            pose[~mine, :2] = np.einsum('nh,nhi->ni', share, places)
+            away = places - pose[~mine, None, :2]
+            within = matches.cov[~mine][..., :2, :2] + away[..., None] * away[..., None, :]
+            cov[~mine, :2, :2] = np.einsum('nh,nhij->nij', share, within)
             pose[~mine, 2], cov[~mine, 2], cov[~mine, :, 2] = np.nan, np.nan, np.nan
-        away = matches.pose[..., :2] - pose[:, None, :2]
-        cov[:, :2, :2] += np.einsum('nh,nhi,nhj->nij', weight, away, away)
         return pose, cov, np.where(mine, orders[which], -1)
-
-    @staticmethod
-    def weights(matches: Matches, labels: Integers, chances: Array, none: Array) -> Array:
-        """Weights (n, heads) of what each head says of places, by chances of classes (n, k).
-
-        Of what is none of them, the heads that fit best say it.
-        """
-        described = labels < matches.cost.shape[1]
-        other = none + chances[:, ~described].sum(axis=1)
-        found = _witnesses(matches) * other[:, None]
-        found[:, labels[described]] += chances[:, described]
-        return np.asarray(found)
 
 
 OPEN_TURN = 3.0  # rad2, of a turn that cannot be seen
