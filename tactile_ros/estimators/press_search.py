@@ -93,12 +93,6 @@ class PressSearch:
         self.first = np.array([head.first for head in bank.heads])
         self.heads = np.repeat(np.arange(len(bank.heads)), STARTS)
 
-    def let_still(self, still: float) -> None:
-        """Let patterns have another error that frames do not average (T)."""
-        self.still = still
-        if self.other is not None:
-            self.other.let_still(still)
-
     def variance(self, presses: Presses) -> Array:
         """Variance of patterns (n, d): noise, and error of the model where chips see much."""
         return presses.variance(self.noise, self.still) + share_of(presses.pattern, self.error)

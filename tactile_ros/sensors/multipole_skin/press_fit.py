@@ -250,8 +250,7 @@ def choose(recogniser: Recogniser, presses: Presses, outside: Presses, labels: L
     matches = recogniser.matches(presses)
     if matches is not None:
         recogniser.still_ = _unaveraged(recogniser, presses, matches)
-        assert recogniser.search is not None
-        recogniser.search.let_still(recogniser.still_)
+        recogniser.refresh()
         matches = recogniser.matches(presses)
     known = recogniser.supports(presses, labels.label, labels.number, matches)
     recogniser.known_ = known
