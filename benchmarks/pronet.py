@@ -147,7 +147,8 @@ class Tasks:
             press_patterns(list(samples.windows[rows].astype(float)), ours.basis)
             for rows in (known, asked)
         )
-        means = ours.supports(lessons, samples.label[known], known).averaged(ours.basis)
+        supports = ours.supports(lessons, samples.label[known], known)
+        means = supports.averaged(ours.basis, ours.noise, ours.still_)
         score = support_scores(means, presses, ours.noise, ours.common, ours.still_)
         return np.asarray(means.label[score.argmin(axis=1)])
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 LATE = 0.34  # of a window: frames that show the pattern first
 TINY = np.finfo(np.float64).tiny
-ALIKE = 0.95  # cosine of presses of one class that are averaged
+ALIKE = 0.99  # cosine, but for noise, of presses of one class that are averaged
 CLOSEST = 16  # prototypes that are compared in full
 RATIOS = 0.05, 20.0  # size of a press over that of a prototype
 ANY_SIZE = 0.5  # deviation of that ratio from the one that fits best
@@ -140,19 +140,20 @@ class SupportSet(Presses):
         left = self.rows(np.flatnonzero(self.label != label))
         return replace(left, label=left.label - (left.label > label))
 
-    def averaged(self, basis: Array) -> SupportSet:
-        """Means of presses of one class that are alike, and the presses that are not.
+    def averaged(self, basis: Array, noise: Array, still: float) -> SupportSet:
+        """Means of presses of one class that are alike but for noise, and those that are not.
 
         All are brought to the size of the strongest one; a uniform field is left out (d, 3).
         """
         found, own = [], without_field(self.pattern, basis)
         size = np.linalg.norm(own, axis=1)
+        noisy = self.variance(noise, still).sum(axis=1) / np.maximum(np.square(size), TINY)
         for label in np.unique(self.label):
             left = np.flatnonzero(self.label == label)
             while len(left):
                 first = left[size[left].argmax()]
                 cosine = own[left] @ own[first] / np.maximum(size[left] * size[first], TINY)
-                alike = (cosine > ALIKE) | (left == first)
+                alike = (cosine > ALIKE - noisy[left] - noisy[first]) | (left == first)
                 rows, left = left[alike], left[~alike]
                 ratio = np.square(size[first]) / np.maximum(own[rows] @ own[first], TINY)
                 found.append(self._mean(rows, first, np.maximum(ratio, 1.0)))

@@ -25,7 +25,7 @@ LONGEST = np.array([2e-3, 2e-3, 0.35])  # m, m, rad: steps
 RATIO = (0.4, 2.5)  # of depths from step to step
 USUAL = 0.12  # of the body: depth of the templates that are searched
 RANK = 6  # patterns that heads have in common at a place
-PLACES = 10  # looked at closely
+PLACES = 20  # looked at closely
 STARTS = 2  # of each head
 DEEPEST, SHALLOWEST = 0.5, 0.005  # of the body
 TURNS, APART = 8, 1e-6  # of a search for patterns; of its matrices, added to their diagonal
@@ -138,8 +138,9 @@ class PressSearch:
         pose = np.full((len(self.first), STARTS, 4), USUAL * self.body)
         for i, head in enumerate(self.bank.heads):
             part = score[:, head.first : head.first + head.turns]
-            where, turn = np.divmod(np.argsort(part, axis=None)[:STARTS], head.turns)
-            pose[i, :, :2] = self.places[near[where]]
+            # of unlike turns: two that are neighbours often lead to one minimum
+            turn = np.resize(np.argsort(part.min(axis=0))[:STARTS], STARTS)
+            pose[i, :, :2] = self.places[near[part.argmin(axis=0)[turn]]]
             pose[i, :, 2] = turn * head.sector / head.turns
         return pose.reshape(-1, 4)
 

@@ -54,7 +54,7 @@ def test_speed_of_a_press_does_not_change_its_pattern() -> None:
 def test_alike_presses_are_one_mean_and_others_stay() -> None:
     first, other = drawn(2)
     known = supports(np.array([0.6, 1.0, 0.8])[:, None] * first, [2, 2, 2])
-    found = known.joined(supports(other[None], [2])).averaged(BASIS)
+    found = known.joined(supports(other[None], [2])).averaged(BASIS, NOISE, 0.0)
     assert found.label.tolist() == [2, 2]
     np.testing.assert_allclose(found.pattern[0], first, rtol=1e-9)
     np.testing.assert_allclose(found.pattern[1], other, rtol=1e-12)

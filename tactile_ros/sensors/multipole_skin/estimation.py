@@ -195,7 +195,8 @@ def lost_there(recogniser: Recogniser, new: SupportSet, number: int) -> dict[str
     if not len(labels):
         return {'lost_there': float('nan'), 'lost_there_at_most': float('nan')}
     # by how well each fits: the nearest one of classes that nobody described need not be alike
-    fits = class_chances(found[1][:, others], found[2][:, others], recogniser.usual_)[0]
+    fits = class_chances(found[1][:, others], found[2][:, others], recogniser.usual_,
+                         recogniser.vary_)[0]  # fmt: skip
     same = fits.mean(axis=0)
     noisy = _noise_takes(recogniser, new, number, matches)
     chance = 1 - (1 - same) * (1 - np.array([noisy.get(label, 0.0) for label in labels.tolist()]))

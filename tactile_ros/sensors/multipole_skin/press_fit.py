@@ -276,7 +276,7 @@ def choose(recogniser: Recogniser, presses: Presses, outside: Presses, labels: L
     recogniser.road_ = best
     named, misfit = found[best]
     rightly = misfit[(named == labels.label) & np.isfinite(misfit)]
-    recogniser.usual_ = usual_misfit(rightly)
+    recogniser.usual_, recogniser.vary_ = usual_misfit(rightly)
     report['label_by_press'] = {f'accuracy_{road}': shares[road] for road in shares}
     report.update(_placed(recogniser, labels, unseen, presses, named))
     return report

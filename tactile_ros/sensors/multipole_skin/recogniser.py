@@ -40,42 +40,45 @@ if TYPE_CHECKING:
 
 NONE = 0.1  # how often something presses that is none of the classes
 UNLIKE = 4.6  # logarithm of the misfit, over which that is spread: a factor of a hundred
-ABOVE = 0.8  # deviation of that logarithm of a class from its usual one
+UNTOLD = 0.8  # deviation of that logarithm where no press tells it
 FEW = 5  # presses, as which what is usual counts
 
 
-def usual_misfit(misfits: Array) -> float:
-    """Middle of the logarithm of misfits (n,) of held-out presses that were named rightly.
+def usual_misfit(misfits: Array) -> tuple[float, float]:
+    """Usual misfit of a class by its own presses: middle of its logarithm, and spread above.
 
-    Misfits are over their variance.
+    Misfits (n,) are over their variance, of held-out presses that were named rightly.
     """
     if not len(misfits):
-        return 0.0
-    middle = float(np.median(np.log(np.maximum(misfits, 1e-3))))
-    return middle * len(misfits) / (len(misfits) + FEW)
+        return 0.0, UNTOLD
+    found = np.log(np.maximum(misfits, 1e-3))
+    weight = len(found) / (len(found) + FEW)
+    usual = weight * float(np.median(found))
+    above = np.square(np.maximum(found - usual, 0.0))
+    return usual, float(np.sqrt(2 * weight * above.mean() + (1 - weight) * UNTOLD**2))
 
 
-def none_chance(misfits: Array, usual: float) -> Array:
+def none_chance(misfits: Array, usual: float, vary: float) -> Array:
     """Probability that what pressed is none of the classes, from the best one's misfit (n,).
 
     Others fit anyhow, within a wide factor; classes as held-out presses do, or better.
     """
-    away = np.maximum(np.log(np.maximum(misfits, 1e-3)) - usual, 0.0) / ABOVE
-    fits = np.exp(-0.5 * np.square(away)) / (np.sqrt(2 * np.pi) * ABOVE)
+    away = np.maximum(np.log(np.maximum(misfits, 1e-3)) - usual, 0.0) / vary
+    fits = np.exp(-0.5 * np.square(away)) / (np.sqrt(2 * np.pi) * vary)
     return np.asarray(NONE / UNLIKE / (NONE / UNLIKE + (1 - NONE) * fits))
 
 
-def class_chances(scores: Array, misfits: Array, usual: float) -> tuple[Array, Array]:
+def class_chances(scores: Array, misfits: Array, usual: float, vary: float) -> tuple[Array, Array]:
     """Probabilities of classes, shape (n, k), and that it is none of them (n,).
 
     Scores (n, k) are twice the negative log-likelihood, inf: far away; misfits (n, k) are over
-    their variance; `usual` is of `usual_misfit`.
+    their variance; `usual` and `vary` are of `usual_misfit`.
     """
     n = np.arange(len(scores))
     best = scores.argmin(axis=1)
     low, misfit = scores[n, best], misfits[n, best]
     near = np.isfinite(low)
-    none = np.where(near, none_chance(np.where(near, misfit, 1.0), usual), 1.0)
+    none = np.where(near, none_chance(np.where(near, misfit, 1.0), usual, vary), 1.0)
     with np.errstate(invalid='ignore'):
         away = np.where(near[:, None], scores - low[:, None], np.inf)
     # where nothing fits well, differences of misfits say less
@@ -275,7 +278,7 @@ class Recogniser:
         Error of a pattern that frames do not average (T).
     covariance_ : CovarianceModel or None
         Of place and turn, from held-out presses.
-    usual_ : float
+    usual_, vary_ : float
         Of `usual_misfit`.
     """
 
@@ -289,7 +292,7 @@ class Recogniser:
         self.known_ = self.enrolled_ = SupportSet.empty(len(noise))
         self.road_ = 'press_templates' if model is not None and outlines else 'press_neighbours'
         self.covariance_: CovarianceModel | None = None
-        self.usual_ = 0.0
+        self.usual_, self.vary_ = 0.0, UNTOLD
         self.still_ = STILL * float(np.mean(noise))
 
     @cached_property
@@ -413,7 +416,9 @@ class Recogniser:
         last = self._prototypes[0] if self._prototypes else None
         if last is None or last[0] is not known or last[1] is not self.enrolled_:
             supports = self.enrolled_ if known is None else known.joined(self.enrolled_)
-            made = supports.averaged(self.basis) if len(supports.label) else None
+            made = None
+            if len(supports.label):
+                made = supports.averaged(self.basis, self.noise, self.still_)
             self._prototypes[:] = [(known, self.enrolled_, made)]
         return self._prototypes[0][2]
 
@@ -428,8 +433,8 @@ class Recogniser:
             return scores, np.ones(len(scores))
         if self.road_ in ('press_neighbours', 'prototypes') and not self.described:
             # nothing is known of how other shapes fit: the nearest class is named
-            return class_chances(scores, np.zeros_like(misfits), 0.0)
-        return class_chances(scores, misfits, self.usual_)
+            return class_chances(scores, np.zeros_like(misfits), 0.0, 1.0)
+        return class_chances(scores, misfits, self.usual_, self.vary_)
 
     def answer(self, presses: Presses) -> Answers:
         """Estimate label, place and turn of presses (n)."""
