@@ -72,6 +72,8 @@ REFERENCES = 13
 UP = np.array([[[0.0, 0.0, 1.0]]])  # normal of a patch
 SAME = 1e-9  # of the largest entry of a column
 WARM_C, HOT_C = 30.0, 200.0  # the second beyond those of any fit
+CHIPS_C = -40.0, 125.0  # range of chips
+NEAR = np.array([0.97, 1.03])  # of the threshold of contact
 
 
 class Pipeline:
@@ -559,13 +561,20 @@ class Pipeline:
         return pipeline
 
     def _references(self, usable: Array, signals: Signals) -> Array | None:
-        """A few of the frames of a fit, from rest to the largest change."""
+        """A few of the frames of a fit, from rest to the largest change, two at the threshold."""
         rows = np.flatnonzero(signals.good & np.isfinite(usable).all(axis=(1, 2)))
         if not len(rows):
             return None
-        size = np.square(signals.delta[rows]).sum(axis=(1, 2))
-        places = np.linspace(0, len(rows) - 1, REFERENCES).round().astype(np.int64)
-        return usable[rows[np.argsort(size, kind='stable')[places]]].copy()
+        delta = signals.delta[rows]
+        size = np.square(delta).sum(axis=(1, 2))
+        places = np.linspace(0, len(rows) - 1, REFERENCES - 2).round().astype(np.int64)
+        few = usable[rows[np.argsort(size, kind='stable')[places]]]
+        # the lightest touch, made just too light and just heavy enough to count
+        ratio = np.abs(delta / np.maximum(self.rest_.scale, 1e-300)).max(axis=(1, 2))
+        lightest = np.where(signals.in_contact[rows] == 1, ratio, np.inf).argmin()
+        share = np.nan_to_num(NEAR / np.maximum(ratio[lightest], 1e-300))[:, None, None]
+        near = np.nan_to_num(self.rest_.baseline) + delta[lightest] * share
+        return np.concatenate([few[:1], near, few[1:]])
 
     def warm_up(self) -> list[Columns]:
         """Answer the reference frames, so that no frame waits for a table or a compiler.
@@ -583,9 +592,10 @@ class Pipeline:
         # a baseline that only a tare gives is tracked over more than a block
         stamps = np.arange(REFERENCES) * (PERIOD_NS // 10 if self.reference_ is None else 1)
         warm = np.full(values.shape[:2], WARM_C)
+        chips = np.repeat(np.linspace(*CHIPS_C, REFERENCES)[:, None], values.shape[1], axis=1)
         answers: list[Columns] = []
         for tare, stamp_ns, temperature_c in (
-            (None, None, None), (None, stamps, warm), (~touched, None, warm),
+            (None, None, None), (None, stamps, warm), (~touched, None, chips),
             (~touched, stamps, None), (~touched, stamps, np.full(values.shape[:2], HOT_C)),
         ):  # fmt: skip
             recording = Recording.from_arrays(

@@ -779,8 +779,8 @@ def test_sensors_without_classes_say_so() -> None:
 # ---------------------------------------------------------------- files
 
 
-@pytest.mark.parametrize('value', [np.nan, np.inf, 0.0, 1e308])
-def test_load_refuses_arrays_that_change_its_answers(tmp_path: Path, value: float) -> None:
+@pytest.mark.parametrize('value', [np.nan, np.inf, 0.0, 1e308, 'double'])
+def test_load_refuses_arrays_that_change_its_answers(tmp_path: Path, value: float | str) -> None:
     """Each array of numbers is replaced, and the file signed again as a hostile writer would."""
     fitted().save(tmp_path / 'c.npz')
     good = Pipeline.load(tmp_path / 'c.npz', 'toy', CLASSES).process_batch(stream(7))
@@ -789,7 +789,8 @@ def test_load_refuses_arrays_that_change_its_answers(tmp_path: Path, value: floa
     for name, array in members.items():
         if array.dtype.kind != 'f' or not array.size or name.startswith('answers/'):
             continue
-        write(tmp_path / 'd.npz', {**members, name: np.full_like(array, value)})
+        changed = 2 * array if value == 'double' else np.full_like(array, value)
+        write(tmp_path / 'd.npz', {**members, name: changed})
         try:
             states = Pipeline.load(tmp_path / 'd.npz', 'toy', CLASSES).process_batch(stream(7))
         except CalibrationError:
@@ -798,6 +799,17 @@ def test_load_refuses_arrays_that_change_its_answers(tmp_path: Path, value: floa
         np.testing.assert_array_equal(states.force, good.force)
         np.testing.assert_array_equal(states.in_contact, good.in_contact)
     assert refused >= 3
+
+
+@pytest.mark.parametrize('factor', [0.5, 2.0])
+def test_load_refuses_another_threshold_of_contact(tmp_path: Path, factor: float) -> None:
+    fitted().save(tmp_path / 'c.npz')
+    members = read(tmp_path / 'c.npz')
+    write(
+        tmp_path / 'd.npz', {**members, 'rest_/scale.array': factor * members['rest_/scale.array']}
+    )
+    with pytest.raises(CalibrationError, match='answers reference frames'):
+        Pipeline.load(tmp_path / 'd.npz', 'toy', CLASSES)
 
 
 def test_the_digest_is_of_what_was_learned() -> None:
