@@ -25,7 +25,7 @@ from pathlib import Path
 from types import ModuleType
 
 import tactile_ros
-from tactile_ros.cli.console import refuse_unwritable, show
+from tactile_ros.cli.console import add_overwrite, refuse_unwritable, show
 from tactile_ros.errors import MissingPackageError
 
 LONGEST = (  # which begin
@@ -33,6 +33,7 @@ LONGEST = (  # which begin
     'multipole_skin', 'replay',
 )  # fmt: skip
 UNDISTURBED = ('latency',)  # which run after the others, unless it shall be quick
+MARK = b'"bench"'  # key of every file of results
 DOMAINS = 102  # whose ports no other program of a Linux machine is given
 ALONE = 'import sys; from tactile_ros.cli.main import main; sys.exit(main(sys.argv[1:]))'
 
@@ -61,6 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--results', type=Path, help='folder of the json files')
     parser.add_argument('--figures', type=Path, help='folder of the plots (SVG), where wanted')
     parser.add_argument('--json', action='store_true', help='print the tables as JSON')
+    add_overwrite(parser)
 
 
 def load(name: str, needed_by: str) -> ModuleType:
@@ -97,7 +99,7 @@ def run(options: argparse.Namespace) -> int:
     chosen = names() if options.name == 'all' else [options.name]
     benches = {name: load_bench(name) for name in chosen or ['all']}
     for name in benches:
-        refuse_unwritable(results / f'{name}.json')
+        refuse_unwritable(results / f'{name}.json', MARK, overwrite=options.overwrite)
         if options.figures:
             refuse_unwritable(options.figures / f'{name}.svg')
     if options.jobs > 1 and len(benches) > 1 and not options.json:
@@ -149,7 +151,7 @@ def _side_by_side(
     drawn = ['--figures', str(options.figures)] if options.figures else []
 
     def one(name: str) -> subprocess.CompletedProcess[str]:
-        words = [*_words(name, extent), '--results', str(results), *drawn]
+        words = [*_words(name, extent), '--results', str(results), '--overwrite', *drawn]
         command = [sys.executable, '-c', ALONE, *words]
         return subprocess.run(
             command, stdout=subprocess.PIPE, text=True, check=False, env=domain_of(name, chosen)

@@ -58,6 +58,11 @@ def test_benches_as_json_are_alone_on_stdout(
     assert listed['rows'][0]['what'] == 'of quick'
     assert main(words) == 0
     assert '  seeds [1]; ' in capsys.readouterr().out
+    (tmp_path / 'roads.json').write_text('mine')
+    assert main(words) == 1
+    assert 'roads.json was not written by this command' in capsys.readouterr().err
+    assert (tmp_path / 'roads.json').read_text() == 'mine'
+    assert main([*words, '--overwrite']) == 0
     # a report of it has nothing to draw
     monkeypatch.setattr(console, 'check_png', lambda: None)
     assert main(['report', str(tmp_path), '--png', str(tmp_path / 'png')]) == 0
