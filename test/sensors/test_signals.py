@@ -123,18 +123,6 @@ def test_the_pad_names_the_cell_that_is_pressed() -> None:
     np.testing.assert_allclose(np.cross(outward, recording.truth['force'][touched]), 0, atol=1e-9)
 
 
-def test_a_press_inside_the_cone_leans_at_most_so_far() -> None:
-    config = load_sensor('magnet_pad').config()
-    module = import_module('tactile_ros.sensors.magnet_pad.twin')
-    programme = module.programme(config, 0, 200, np.pi / 4)
-    normal = programme.positions * [0, 1, 1] / 10e-3
-    force = np.linalg.norm(programme.forces, axis=1)
-    lean = np.arccos(np.clip((programme.forces * normal).sum(axis=1) / force, -1, 1))
-    assert 0.6 < lean.max() <= np.pi / 4 + 1e-9
-    assert force.min() >= 1.5 - 1e-9
-    assert force.max() <= 10 + 1e-9
-
-
 def test_taxels_carry_the_whole_load_and_rise_with_it() -> None:
     config = load_sensor('taxel_array').config()
     module = import_module('tactile_ros.sensors.taxel_array.twin')
