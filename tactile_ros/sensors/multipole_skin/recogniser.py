@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 NONE = 0.1  # how often something presses that is none of the classes
 UNLIKE = 4.6  # logarithm of the misfit, over which that is spread: a factor of a hundred
 UNTOLD = 0.8  # deviation of that logarithm where no press tells it
-LEAST_TOLD = 0.55  # of it: presses of some heads tell not how others differ
+LEAST_VARIED = 0.5  # of it: presses of some heads tell not how others differ
 FEW = 5  # presses, as which what is usual counts
 
 
@@ -57,7 +57,7 @@ def usual_misfit(misfits: Array) -> tuple[float, float]:
     usual = weight * float(np.median(found))
     above = np.square(np.maximum(found - usual, 0.0))
     square = 2 * weight * above.mean() + (1 - weight) * UNTOLD**2
-    return usual, max(float(np.sqrt(square)), LEAST_TOLD)
+    return usual, max(float(np.sqrt(square)), LEAST_VARIED)
 
 
 def none_chance(misfits: Array, usual: float, vary: float) -> Array:
