@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.client import Client
+from rclpy.duration import Duration
 from std_srvs.srv import Trigger
 
 from tactile_ros import messages
@@ -39,6 +40,7 @@ WARM_UP_STEP = 1e-7  # T; makes every row another one, far below the noise of a 
 RETRY_S = 1.0
 LOST_S = 2.0
 MOST_LOST = 5
+ACKNOWLEDGED_S = 5.0  # a listener may discover a publisher with its next announcement, after 3 s
 
 
 class Stopped(TactileError):
@@ -359,6 +361,8 @@ class PlayerNode(ManagedNode):
 
     def _log_counts(self, counts: PlaybackCounts) -> None:
         self.get_logger().info(str(counts))
+        if not self._truths.wait_for_all_acked(Duration(seconds=ACKNOWLEDGED_S)):
+            self.get_logger().warning('a listener did not receive all of truth/contacts')
         if counts.refused:
             self.get_logger().warning(f'the last refusal: {counts.refusal}')
 
