@@ -44,6 +44,12 @@ def modules() -> dict[str, ast.Module]:
     return {key_of(path): ast.parse(path.read_text()) for path in sorted(PACKAGE.rglob('*.py'))}
 
 
+@cache
+def nodes() -> tuple[tuple[str, ast.AST], ...]:
+    """Every node of every module, with the module's path: walked once for all rules."""
+    return tuple((name, node) for name, tree in modules().items() for node in ast.walk(tree))
+
+
 def lines_of(place: str) -> int:
     """Lines of Python below a folder, or of a module."""
     found = PACKAGE / place
@@ -137,12 +143,12 @@ def words_of(name: str) -> set[str]:
 def public_names() -> dict[str, set[str]]:
     """Words of modules, public classes and public functions by the modules that use them."""
     found: dict[str, set[str]] = {}
-    for module, tree in modules().items():
-        names = [module.rsplit('/', 1)[-1]]
-        for node in ast.walk(tree):
-            if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and node.name[0] != '_':
-                names.append(node.name)
-        for word in set().union(*map(words_of, names)):
+    names = [(module, module.rsplit('/', 1)[-1]) for module in modules()]
+    for module, node in nodes():
+        if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and node.name[0] != '_':
+            names.append((module, node.name))
+    for module, name in names:
+        for word in words_of(name):
             found.setdefault(word, set()).add(module)
     return found
 
@@ -157,30 +163,28 @@ def foreign_words() -> list[str]:
 def probes() -> list[str]:
     """Modules that probe for attributes where a contract has a default."""
     found = []
-    for module, tree in modules().items():
-        for node in ast.walk(tree):
-            called = isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
-            if not (called and node.func.id in ('getattr', 'hasattr') and node.args):
-                continue
-            text = ast.unparse(node.args[0]).lower()
-            if re.search(r'\b(self\.)?_?(estimation|pipeline|device|estimator)\b', text):
-                found.append(module)
+    for module, node in nodes():
+        called = isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+        if not (called and node.func.id in ('getattr', 'hasattr') and node.args):
+            continue
+        text = ast.unparse(node.args[0]).lower()
+        if re.search(r'\b(self\.)?_?(estimation|pipeline|device|estimator)\b', text):
+            found.append(module)
     return sorted(set(found))
 
 
 def bundles() -> list[str]:
     """Functions with a tuple of several kinds as an argument."""
     found = []
-    for module, tree in modules().items():
-        for node in ast.walk(tree):
-            if not isinstance(node, ast.FunctionDef):
-                continue
-            for arg in (*node.args.args, *node.args.kwonlyargs):
-                text = '' if arg.annotation is None else ast.unparse(arg.annotation)
-                inside = re.match(r'tuple\[(.*)\]$', text)
-                kinds = {part.strip() for part in (inside[1] if inside else '').split(',')}
-                if len(kinds - {'...'}) > 1:
-                    found.append(f'{module}.{node.name}')
+    for module, node in nodes():
+        if not isinstance(node, ast.FunctionDef):
+            continue
+        for arg in (*node.args.args, *node.args.kwonlyargs):
+            text = '' if arg.annotation is None else ast.unparse(arg.annotation)
+            inside = re.match(r'tuple\[(.*)\]$', text)
+            kinds = {part.strip() for part in (inside[1] if inside else '').split(',')}
+            if len(kinds - {'...'}) > 1:
+                found.append(f'{module}.{node.name}')
     return sorted(set(found))
 
 
@@ -188,13 +192,12 @@ def large() -> list[str]:
     """Modules above 800 lines, functions above 80, classes more than two levels deep."""
     found = [name for name in modules() if lines_of(name) > 800]
     bases: dict[str, list[str]] = {}
-    for module, tree in modules().items():
-        for node in ast.walk(tree):
-            if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
-                if (node.end_lineno or 0) - node.lineno > 80:
-                    found.append(f'{module}.{node.name}')
-            elif isinstance(node, ast.ClassDef):
-                bases[node.name] = [ast.unparse(base).split('[')[0] for base in node.bases]
+    for module, node in nodes():
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            if (node.end_lineno or 0) - node.lineno > 80:
+                found.append(f'{module}.{node.name}')
+        elif isinstance(node, ast.ClassDef):
+            bases[node.name] = [ast.unparse(base).split('[')[0] for base in node.bases]
 
     def depth(name: str, seen: tuple[str, ...] = ()) -> int:
         above = [base for base in bases.get(name, []) if base in bases and base not in seen]
@@ -206,12 +209,11 @@ def large() -> list[str]:
 def strange_docstrings() -> list[str]:
     """Definitions whose docstring begins neither with a noun phrase nor with an imperative."""
     found = []
-    for module, tree in modules().items():
-        for node in [tree, *ast.walk(tree)]:
-            if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
-                first = (ast.get_docstring(node) or '').split(' ', 1)[0].rstrip(',:')
-                if first in FIRST_WORDS:
-                    found.append(f'{module}.{getattr(node, "name", "")}'.rstrip('.'))
+    for module, node in nodes():
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
+            first = (ast.get_docstring(node) or '').split(' ', 1)[0].rstrip(',:')
+            if first in FIRST_WORDS:
+                found.append(f'{module}.{getattr(node, "name", "")}'.rstrip('.'))
     return sorted(set(found))
 
 

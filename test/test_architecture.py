@@ -56,14 +56,15 @@ def _neighbours(module: str, other: str) -> bool:
 def imports() -> list[tuple[str, str, bool]]:
     """Modules, packages that they import, and whether at the top of the file."""
     found = []
-    for module, tree in house.modules().items():
-        for node in ast.walk(tree):
-            top = node in tree.body
-            if isinstance(node, ast.Import):
-                found += [(module, alias.name.split('.')[0], top) for alias in node.names]
-            elif isinstance(node, ast.ImportFrom):
-                assert node.level == 0, f'{module} line {node.lineno}: imports are absolute'
-                found.append((module, (node.module or '').split('.')[0], top))
+    for module, node in house.nodes():
+        if not isinstance(node, (ast.Import, ast.ImportFrom)):
+            continue
+        top = node.col_offset == 0
+        if isinstance(node, ast.Import):
+            found += [(module, alias.name.split('.')[0], top) for alias in node.names]
+        else:
+            assert node.level == 0, f'{module} line {node.lineno}: imports are absolute'
+            found.append((module, (node.module or '').split('.')[0], top))
     return found
 
 

@@ -3,7 +3,6 @@
 
 import ast
 import dataclasses
-from collections.abc import Iterator
 from functools import cache, partial
 from pathlib import Path
 
@@ -45,26 +44,22 @@ def dotted(node: ast.expr) -> str:
 
 
 @cache
-def parsed(path: Path) -> ast.Module:
-    return ast.parse(path.read_text())
-
-
-def calls(tree: ast.Module) -> Iterator[tuple[str, ast.Call]]:
-    """All calls of a file, by dotted name."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Call):
-            yield dotted(node.func), node
+def nodes(path: Path) -> list[ast.Import | ast.ImportFrom | ast.Call]:
+    """Imports and calls of a file."""
+    kinds = ast.Import, ast.ImportFrom, ast.Call
+    return [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, kinds)]
 
 
 def offences(path: Path) -> list[str]:
     """What a file does that it must not."""
-    tree, found = parsed(path), []
-    for node in ast.walk(tree):
-        if isinstance(node, (ast.Import, ast.ImportFrom)):
-            names = [getattr(node, 'module', None) or alias.name for alias in node.names]
+    found = []
+    for call in nodes(path):
+        if not isinstance(call, ast.Call):
+            names = [getattr(call, 'module', None) or alias.name for alias in call.names]
             dynamic = [name for name in names if name.split('.')[0] in DYNAMIC]
-            found += [f'{path}:{node.lineno} imports {name}' for name in dynamic]
-    for name, call in calls(tree):
+            found += [f'{path}:{call.lineno} imports {name}' for name in dynamic]
+            continue
+        name = dotted(call.func)
         if name in FORBIDDEN:
             found.append(f'{path}:{call.lineno} calls {name}')
         for keyword in call.keywords:
@@ -146,7 +141,10 @@ def test_what_is_written_goes_through_it() -> None:
     direct = {
         path.relative_to(PACKAGE).as_posix()
         for path in PACKAGE.rglob('*.py')
-        for name, _ in calls(parsed(path))
-        if name.endswith(('.write_text', '.write_bytes', 'np.savez', 'np.savez_compressed'))
+        for node in nodes(path)
+        if isinstance(node, ast.Call)
+        if dotted(node.func).endswith(
+            ('.write_text', '.write_bytes', 'np.savez', 'np.savez_compressed')
+        )
     }
     assert direct <= {'calibration.py', 'evaluation/recording_files.py', 'evaluation/bag.py'}
