@@ -60,12 +60,6 @@ def test_the_untouched_and_the_unusable(name: str) -> None:
         np.testing.assert_array_equal(known[name][row], np.full_like(known[name][row], wanted))
 
 
-def test_components_that_a_sensor_cannot_see_stay_unknown_when_untouched() -> None:
-    known = {'force': np.array([[np.nan, np.nan, 2.0]] * 2)}
-    apply_contact(known, np.array([0, 1], np.int8), np.ones(2, bool))
-    np.testing.assert_array_equal(known['force'], [[np.nan, np.nan, 0], [np.nan, np.nan, 2]])
-
-
 def signals_of(delta: np.ndarray, good: np.ndarray) -> Signals:
     rows = len(delta)
     contact = np.zeros(rows, np.int8)
@@ -223,6 +217,7 @@ def test_an_axis_too_many_is_refused_where_as_many_rows_would_fit_it(tmp_path: P
         ('layout', None, 'has no layout'),
         ('config', {'positions': 3}, 'has no layout'),
         ('estimation', (1, 2), 'has no layout'),
+        ('estimation', SENSOR.layout(SENSOR.config()), 'has no layout'),
         *[
             ('left_out_', tree, 'left out is no table of counts')
             for tree in (None, 'hello', {'rows': 'many'}, [1.0], {'rows': {'a': 1.0}})
@@ -437,13 +432,6 @@ def test_one_by_one_and_in_batch_are_the_same(
         assert_same(state, batch[row])
 
 
-def test_tracking_is_put_to_use_in_that_comparison() -> None:
-    recording = stream(3, 400)
-    with_it = fitted().process_batch(recording).force
-    without = fitted(ToyConfig(track_baseline=False)).process_batch(recording).force
-    assert np.nanmax(np.abs(with_it - without)) > NOISE
-
-
 def test_a_batch_leaves_the_live_stream_alone() -> None:
     one, other = fitted(), fitted()
     recording = stream(1)
@@ -480,25 +468,12 @@ def test_frames_without_stamps_pass_memory_by() -> None:
 # ---------------------------------------------------------------- baseline
 
 
-def test_fit_learns_a_baseline_from_tare_rows() -> None:
-    np.testing.assert_allclose(fitted().baseline, REST)
-
-
 def test_else_from_rows_that_truth_calls_untouched() -> None:
     recording = lessons()
     contact = np.r_[0, 0, np.ones(198, np.int8)]
     truth = {**recording.truth, 'in_contact': contact.astype(np.int8)}
     pipeline = toy().fit(Recording.from_arrays(LAYOUT, recording.values, truth=truth))
     np.testing.assert_allclose(pipeline.baseline, recording.values[:2].mean(axis=0))
-
-
-def test_tare_rows_hold_inside_their_stream_only() -> None:
-    values = np.stack([REST + 5, REST + 5, REST + 5, REST])
-    recording = Recording.from_arrays(
-        LAYOUT, values, stream=[0, 0, 1, 1], tare=[True, False, False, False]
-    )
-    contact = fitted().process_batch(recording).in_contact
-    assert contact.tolist() == [0, 0, 1, 0]
 
 
 def test_a_tare_leaves_out_what_was_not_read() -> None:
@@ -578,14 +553,6 @@ def test_a_fit_without_rest_uses_readings_as_they_are() -> None:
 
 
 # ---------------------------------------------------------------- untouched, faults
-
-
-def test_an_id_lives_through_a_frame_that_cannot_tell() -> None:
-    pipeline = fitted()
-    lost = np.full(SHAPE, np.nan)
-    readings = [REST, REST + 1, lost, REST + 1, REST, lost, REST + 1]
-    ids = [int(pipeline.process(frame(x, i)).contacts_id[0]) for i, x in enumerate(readings)]
-    assert ids == [-1, 0, 0, 0, -1, -1, 1]
 
 
 def test_a_tare_ends_the_touch() -> None:

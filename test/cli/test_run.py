@@ -23,15 +23,6 @@ def options(*words: str) -> Namespace:
     return parser.parse_args(words)
 
 
-def test_run_starts_one_process_for_a_sensor() -> None:
-    graph = run.graph_of(options('--sensor', 'anyskin', '--port', '/dev/ttyACM7'))
-    (process,) = graph.processes
-    assert process.executable == 'stack'
-    assert process.parameters['port'] == '/dev/ttyACM7'
-    simulated = run.graph_of(options('--sensor', 'gradiometer', '--simulated'))
-    assert simulated['stack'].parameters['simulated'] is True
-
-
 def test_run_starts_the_sensors_of_a_hand_in_one_process() -> None:
     words = ('--hand', 'allegro_v5', '--ports', '/dev/ttyACM0,/dev/ttyACM1', '--mock-hand')
     graph = run.graph_of(options(*words, '--fingers', 'thumb,index'))
@@ -45,6 +36,8 @@ def test_run_takes_the_only_port_or_names_those_that_there_are(
     here = ['/dev/ttyS0', '/dev/ttyUSB3']
     monkeypatch.setattr(run, 'list_ports', lambda: here)
     assert run.graph_of(options())['stack'].parameters['port'] == '/dev/ttyUSB3'
+    twin = run.graph_of(options('--sensor', 'gradiometer', '--simulated'))['stack'].parameters
+    assert (twin['simulated'], 'port' in twin) == (True, False)
     here.append('/dev/ttyACM1')
     with pytest.raises(DeviceError, match=r'--port must name .*there are /dev/ttyUSB3, /dev/ttyA'):
         run.graph_of(options())

@@ -236,20 +236,6 @@ def test_grip_force_integrates_no_force_twice() -> None:
     assert np.ptp([float(made.closure[0]) for made in one.made[-6:]]) == 0.0
 
 
-def test_grip_force_moves_several_fingers_by_one_drive() -> None:
-    world, law = GripWorld(), active(QUICK, (0, 0, 0))
-    for _ in range(450):
-        given = world.given()
-        given = dataclasses.replace(
-            given, normal=np.array([1.0, 1.1, 0.9]) * given.normal, tangential=np.zeros(3),
-            valid=np.ones(3, bool), slip=np.zeros(3, np.int8), age=np.zeros(3),
-        )  # fmt: skip
-        made = law.step(given, 0.01)
-        world.advance(made)
-    assert made.settled
-    assert world.force[0] == pytest.approx(2.0, rel=0.03)
-
-
 def test_grip_force_release_opens_and_ends() -> None:
     one = Run()
     one.grasp()

@@ -371,19 +371,6 @@ def test_chip_connection_refuses_places(wrong: dict[str, object], words: str) ->
         connection.open(FOUR, time.monotonic_ns)
 
 
-@pytest.mark.parametrize(
-    ('wrong', 'words'),
-    [
-        ({'transport': 'spi'}, 'transport of ChipConnection must be one of i2c, serial; receive'),
-        ({'mode': 'slow'}, 'mode of ChipConnection must be one of single, burst'),
-        ({'baud': 300}, 'baud of ChipConnection must be a whole number from 1200'),
-    ],
-)
-def test_chip_connection_refuses_values(wrong: dict[str, object], words: str) -> None:
-    with pytest.raises(ValueError, match=words):
-        ChipConnection(**wrong)  # type: ignore[arg-type]
-
-
 def test_chip_connection_chooses_the_driver_by_transport() -> None:
     connection = ChipConnection(addresses=ADDRESSES)
     assert isinstance(connection.open(FOUR, time.monotonic_ns), ChipArray)

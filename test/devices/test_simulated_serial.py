@@ -1,17 +1,13 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Simulated ports and twins of boards: pace, faults, and nothing left behind."""
 
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tactile_ros.devices.framed_protocol import taxel_matrix
 from tactile_ros.devices.simulated_serial import (
     BYTE_FAULTS,
-    FramedTwin,
     ReskinTwin,
     SimulatedSerialPort,
     damage,
@@ -19,10 +15,9 @@ from tactile_ros.devices.simulated_serial import (
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.devices.transport import SerialPort
 from tactile_ros.errors import DeviceError, DeviceTimeout
-from tactile_ros.types import Array, Layout, Twin
+from tactile_ros.types import Array, Layout
 
 STEP = 1e-7
-MATRIX = Layout(np.zeros((16, 3)), ('p',), '1', rate_hz=500.0)
 
 
 def ramp(t: float) -> Array:
@@ -30,16 +25,8 @@ def ramp(t: float) -> Array:
     return np.full((5, 3), 1e-3) + round(t * 400) * 4 * STEP
 
 
-def pressure(t: float) -> Array:
-    return np.full((16, 1), 0.5 + 0.4 * np.sin(t))
-
-
 def make_reskin(layout: Layout, clock: VirtualClock | None = None) -> ReskinTwin:
     return ReskinTwin(layout, ramp, clock=clock, quantum=np.full(3, STEP))
-
-
-def make_framed(layout: Layout) -> Twin:
-    return FramedTwin(MATRIX, taxel_matrix(16), 1 / 1023, pressure)
 
 
 @pytest.mark.parametrize('kind', BYTE_FAULTS)
@@ -85,32 +72,6 @@ def test_port_keeps_its_path_through_unplugging(port: SimulatedSerialPort) -> No
     port.close()
     port.close()
     assert not path.parent.exists()
-
-
-@pytest.mark.parametrize('make', [make_framed, make_reskin])
-def test_twin_streams_in_real_time(make: Callable[[Layout], Twin], layout: Layout) -> None:
-    start = time.monotonic()  # before the first frame: those that wait for a busy reader count too
-    with make(layout) as twin, twin.device(time.monotonic_ns) as board:
-        board.read(60.0)
-        frames = [board.read(60.0) for _ in range(100)]
-        assert time.monotonic() - start > 0.99 * 99 / board.layout.rate_hz
-    assert frames[-1].sequence > 99
-    assert frames[0].values.shape == board.layout.shape
-
-
-def test_twin_in_real_time_injects_as_many_faults_as_are_counted() -> None:
-    with FramedTwin(MATRIX, taxel_matrix(16), 1 / 1023, pressure, seed=2) as twin:
-        for fault in (*BYTE_FAULTS, 'lost', 'saturation'):
-            twin.inject(fault, 3)
-        with twin.device(time.monotonic_ns) as board:
-            while sum(twin.injected.values()) < 27:
-                board.read(60.0)
-            last = board.read(60.0).sequence
-            while board.read(60.0).sequence < last + 20:
-                pass
-            counts = board.counters()
-    assert twin.overruns or counts['dropped'] == 24
-    assert counts['saturated'] == 3
 
 
 def test_twin_refuses_unknown_faults_and_missing_rates(layout: Layout) -> None:
