@@ -171,7 +171,7 @@ def test_what_a_launch_file_starts_measures_and_outlives_a_kill(
         return [(m, truth[m.sequence]) for m in felt if m.sequence in truth]
 
     with Running(graph) as running:
-        assert ros.until(lambda: sum(t.in_contact for _, t in pairs()) > 200), running.lines
+        assert ros.until(lambda: sum(t.in_contact for _, t in pairs()) > 100), running.lines
         off = [m.wrench.force.z - t.wrench.force.z for m, t in pairs()]
         load = [t.wrench.force.z for _, t in pairs()]
         same = [m.in_contact == t.in_contact for m, t in pairs()]

@@ -2,6 +2,7 @@
 """The magnet pad on a body, magnets and chips that the package does not know."""
 
 import dataclasses
+from collections.abc import Iterator
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
@@ -13,6 +14,7 @@ from tactile_ros.nodes.contact_loop import ContactLoop
 from tactile_ros.physics.temperature import REMANENCE_SLOPE
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
+from tactile_ros.sensors.magnet_pad import inversion
 from tactile_ros.sensors.magnet_pad.body_model import Specimens, change_of_field, touches_at
 from tactile_ros.sensors.magnet_pad.estimation import SLOPE_SIGMA, ThermalDrift
 from tactile_ros.types import ContactStates, Frame, FrameStatus, Recording
@@ -25,6 +27,14 @@ LAYOUT = SPEC.layout(CONFIG)
 GRID, REST = (5, 3), 60
 TABLE = 'table_gauss_newton'
 AXES = {'position': (0, 1), 'force': (1, 2)}
+
+
+@pytest.fixture(scope='module', autouse=True)
+def hasty() -> Iterator[None]:
+    """Two folds, each learned from half of the touches: fits take half the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(inversion, 'FOLDS', 2)
+        yield
 
 
 @lru_cache

@@ -11,6 +11,7 @@ from benchmarks.worlds import taxel_skins
 from reference import taxel_world as world
 from reference.pick_world import TaxelScene, TaxelSkin, even_loads, turn_between
 from tactile_ros.enrolment import thinned
+from tactile_ros.estimators import regression
 from tactile_ros.physics.coverage import part_pressure, washer
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
@@ -34,6 +35,12 @@ SPEC = load_sensor('taxel_array')
 CONFIG = SPEC.config()
 RADII = ((16e-3, 8e-3), (14e-3, 6.5e-3), (12e-3, 5e-3), (18e-3, 9e-3), (10e-3, 4e-3))
 WASHERS = tuple(washer(f'washer_{i}', *pair) for i, pair in enumerate(RADII))
+
+
+@pytest.fixture(autouse=True)
+def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No perceptron is chosen here."""
+    monkeypatch.setattr(regression, 'FEWEST_STEPS', 50)
 
 
 def on_matrix(rows: int, columns: int, pitch: float, *objects: Outline) -> TaxelArrayConfig:
@@ -660,8 +667,11 @@ def test_ring_tells_no_radius_and_its_sigma_says_so() -> None:
         assert (off[one] < 2).mean() > 0.9
 
 
-def test_no_component_is_surer_of_itself_than_it_may_be_and_sigmas_are_no_excuse() -> None:
-    for name, (error, sigma) in taxel_skins.gathered(20).items():
+def test_no_component_is_surer_of_itself_than_it_may_be_and_sigmas_are_no_excuse(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(taxel_skins, 'LAWS', taxel_skins.LAWS[:1])  # the bench has both
+    for name, (error, sigma) in taxel_skins.gathered(40).items():
         assert len(error) > 40
         assert (sigma > 0).all()
         thirds = np.array_split(np.argsort(sigma, kind='stable'), 3)
