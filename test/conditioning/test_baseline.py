@@ -347,24 +347,10 @@ def test_the_order_of_independent_frames_says_nothing() -> None:
     assert (first > 3e-7).all()
 
 
-def new_stream() -> Stream:
-    return Stream(BaselineTracker(np.zeros((1, 1)), None), None)
-
-
 def restarts(stream: Stream, *stamps: int | None) -> list[bool]:
     """Rows of the next frames before which memory is forgotten."""
     stamp_ns = None if None in stamps else np.array(stamps, np.int64)
     return stream.follow(np.zeros((len(stamps), 1, 1)), stamp_ns).restart.tolist()
-
-
-def test_memory_begins_at_the_first_stamped_frame_and_after_a_tare() -> None:
-    stream = new_stream()
-    begun = [restarts(stream, stamp)[0] for stamp in (None, 5, 6, None, 7)]
-    assert begun == [True, True, False, True, False]
-    stream.rebase(BaselineTracker(np.ones((1, 1)), None))
-    # an independent frame in between does not use the restart up
-    assert [restarts(stream, stamp)[0] for stamp in (None, 9, 10)] == [True, True, False]
-    assert stream.tracker.baseline.tolist() == [[1.0]]
 
 
 SIGMA = np.array([[0.5, 2.0, 0.0]])

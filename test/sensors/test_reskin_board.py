@@ -136,12 +136,6 @@ def test_history_is_used_only_where_it_helps() -> None:
     np.testing.assert_array_equal(found, wanted)
 
 
-def test_too_few_touches_are_reported() -> None:
-    part = RECORDINGS['spatial'].select(slice(0, 8))
-    report = SPEC.pipeline(estimator='ridge').fit(part).report
-    assert report == {'left_out': {'usable rows with position, which was not learned': 4.0}}
-
-
 @pytest.mark.parametrize('reading', [np.nan, 0.0])
 def test_a_dead_chip_is_reported(reading: float) -> None:
     part = RECORDINGS['spatial'].select(slice(0, 400))

@@ -8,7 +8,6 @@ from tactile_ros.types import (
     STATE_FIELDS,
     ContactStates,
     Frame,
-    GripCommand,
     JointLimits,
     Layout,
     Outline,
@@ -91,14 +90,6 @@ def test_states_are_plain_numbers_by_name_and_short_in_print() -> None:
 GOOD = {'lower': [0.0, -1.0], 'upper': [1.0, 1.0], 'velocity': [2.0, 2.0], 'effort': [1.0, np.inf]}
 
 
-def test_limits_are_arrays_and_an_effort_may_be_unknown() -> None:
-    limits = JointLimits(**GOOD)
-    assert limits.upper.dtype == np.float64
-    assert np.isinf(limits.effort[1])
-    command = GripCommand(7, limits.lower, np.full(2, np.nan))
-    assert (command.stamp_ns, command.position.tolist()) == (7, [0.0, -1.0])
-
-
 @pytest.mark.parametrize(
     ('change', 'sentence'),
     [
@@ -122,14 +113,6 @@ def test_rows_have_a_cell_for_each_column() -> None:
     Table('t', ('a', 'b'), ((1.0, None), ('x', 2)))
     with pytest.raises(ValueError, match="rows of 't' must have 2 cells"):
         Table('t', ('a', 'b'), ((1.0,),))
-
-
-def test_a_layout_says_what_it_is() -> None:
-    layout = Layout(np.zeros((5, 3)), ('Bx', 'By', 'Bz'), 'T')
-    assert layout.shape == (5, 3)
-    np.testing.assert_array_equal(layout.saturation, [np.inf] * 3)
-    clipped = Layout(np.zeros((5, 3)), ('Bx', 'By', 'Bz'), 'T', saturation=np.array([1.0, 2, 3]))
-    np.testing.assert_array_equal(clipped.saturation, [1, 2, 3])  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
