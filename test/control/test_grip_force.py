@@ -236,17 +236,6 @@ def test_grip_force_integrates_no_force_twice() -> None:
     assert np.ptp([float(made.closure[0]) for made in one.made[-6:]]) == 0.0
 
 
-def test_grip_force_release_opens_and_ends() -> None:
-    one = Run()
-    one.grasp()
-    one.law.release('the object was lost')
-    assert one.run(0.1).refusal == 'the object was lost'
-    made = one.run(2.0)
-    assert made.phase == GripPhase.IDLE
-    assert made.refusal == 'the object was lost; a new grasp is needed'
-    assert one.world.closure[0] == pytest.approx(0.0, abs=0.01)
-
-
 def test_grip_force_leaves_no_limit_or_rate_by_hostile_inputs() -> None:
     rng = np.random.default_rng(3)
     for _ in range(60):

@@ -58,11 +58,11 @@ def result_of(**changes: object) -> Result:
     rng = np.random.default_rng(0)
     answers = (answer_of('kernel_ridge', 0.4, 1, 60), answer_of(HOSTILE, 1.0, 2, 20))
     dataset = Dataset(
-        'spatial', 'Held-out places.', answers, 240, 3, LAYOUT.positions,
+        'spatial', f'Held-out {HOSTILE}', answers, 240, 3, LAYOUT.positions,
         1e-3 * rng.gamma(3, 0.5, 240), Agreement(240, 7, {'force': 2e-13}),
         (f'/camera{HOSTILE} was left out',),
     )  # fmt: skip
-    facts = {'python': '3.11', 'cpu': HOSTILE}
+    facts = {'python': '3.11', HOSTILE: HOSTILE}
     result = Result(f'Replay {HOSTILE}', f'tactile replay {HOSTILE}', facts, (dataset,))
     return replace(result, **changes)
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactile_ros.hands import Finger, load_hand
+from tactile_ros.hands import Finger
 from tactile_ros.hands.kinematics import FingerPath, RobotDescription
 from tactile_ros.types import JointLimits
 
@@ -73,28 +73,6 @@ def test_chain_tip_offset_lies_along_the_last_link() -> None:
     np.testing.assert_allclose(jacobian, slopes, atol=1e-12)
     np.testing.assert_allclose(longer.fingertip(('j0', 'j1'), at), wanted[:3, 3], atol=1e-12)
     assert np.isnan(longer.fingertip(('j1', 'j0'), at)).all()  # nothing of j1 lies above j0
-
-
-def opposed(apart: float) -> RobotDescription:
-    """A left and a right finger of which the tips are so far apart (m)."""
-    return RobotDescription(
-        '<robot name="two">'
-        + ''.join(
-            f'<joint name="{name}" type="revolute"><parent link="palm"/><child link="{name}"/>'
-            f'<origin xyz="0 {at} 0"/></joint><joint name="{name}_tip" type="fixed">'
-            f'<parent link="{name}"/><child link="{name}_tip"/><origin xyz="0.05 0 0"/></joint>'
-            for name, at in (('left_finger_joint', 0.0), ('right_finger_joint', apart))
-        )
-        + '</robot>'
-    )
-
-
-def test_robot_description_of_another_hand_is_refused() -> None:
-    fingers = load_hand('joint_trajectory').fingers
-    opposed(0.1).refuse_misfit('joint_trajectory', fingers)
-    said = 'robot_description are 230 mm apart where joint_trajectory has closed: its postures'
-    with pytest.raises(ValueError, match=said):
-        opposed(0.23).refuse_misfit('joint_trajectory', fingers)
 
 
 def test_robot_description_limits_fall_back_where_silent_or_zero() -> None:

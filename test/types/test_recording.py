@@ -138,21 +138,6 @@ def test_groups_of_independent_frames_do_not_depend_on_their_order() -> None:
     np.testing.assert_array_equal(groups_of(frames.select(order))['group'], group[order])
 
 
-def full_recording(samples: int = 6) -> Recording:
-    rng = np.random.default_rng(1)
-    return Recording.from_arrays(
-        LAYOUT,
-        rng.normal(size=(samples, 2, 3)),
-        stamp_ns=np.arange(samples) * 10,
-        sequence=np.arange(samples) + 5,
-        temperature_c=rng.normal(25, 1, (samples, 2)),
-        status=rng.integers(0, 64, (samples, 2)),
-        stream=np.arange(samples) // 4,
-        tare=np.arange(samples) % 4 == 0,
-        truth={'force': rng.normal(size=(samples, 3)), 'in_contact': np.ones(samples, np.int8)},
-    )
-
-
 @pytest.mark.parametrize('key', TRUTH_KEYS)
 def test_every_truth_key_is_taken_in_its_shape_only(key: str) -> None:
     shape = (3, *field_shape(key, 2))
@@ -244,13 +229,6 @@ def test_stamps_increase_inside_a_stream_only() -> None:
         Recording.from_arrays(LAYOUT, values, stamp_ns=[0, 5, 9, 6], stream=[0, 0, 1, 1])
     back = Recording.from_arrays(LAYOUT, values, stamp_ns=[8, 9, 0, 1], stream=[0, 0, 1, 1])
     assert len(back) == 4
-
-
-def test_a_recording_is_a_line_in_print() -> None:
-    assert repr(full_recording(500)) == (
-        'Recording(500 frames of Layout(sensor: 2 x Bx, By, Bz (T)); stamp_ns, sequence, '
-        'temperature_c, status, stream, tare; truth: force, in_contact)'
-    )
 
 
 def test_infinite_truth_is_refused() -> None:
