@@ -18,56 +18,12 @@ from tactile_ros.conditioning.baseline import (
     motion_noise,
     rest_noise,
     stream_baselines,
-    tare_means,
-    tare_runs,
 )
 from tactile_ros.types import Layout, Recording
 
 SHAPE = (2, 3)
 LAYOUT = Layout(np.zeros((2, 3)), ('Bx', 'By', 'Bz'), 'T')
 SCALE = np.full(SHAPE, 1.0)
-
-ROWS = st.lists(st.tuples(st.booleans(), st.integers(0, 4)), max_size=30)
-
-
-def plain_runs(tare: list[bool], restarts: list[bool]) -> tuple[list[int], list[int]]:
-    """The definition, one row at a time."""
-    runs, serves, count, running, serving = [], [], 0, False, -1
-    for resting, again in zip(tare, restarts, strict=True):
-        if again:
-            running, serving = False, -1
-        if resting and not running:
-            serving, count = count, count + 1
-        running = resting
-        runs.append(serving if resting else -1)
-        serves.append(serving)
-    return runs, serves
-
-
-@given(ROWS)
-def test_runs_are_those_of_the_definition(rows: list[tuple[bool, int]]) -> None:
-    tare = np.array([resting for resting, _ in rows], bool)
-    restarts = np.array([i == 0 or again == 0 for i, (_, again) in enumerate(rows)], bool)
-    run, serves = tare_runs(tare, restarts)
-    wanted = plain_runs(tare.tolist(), restarts.tolist())
-    assert (run.tolist(), serves.tolist()) == wanted
-
-
-@given(st.lists(st.integers(-1, 3), max_size=20), st.integers(0, 99))
-def test_means_pass_over_lost_readings(numbers: list[int], seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    values = rng.normal(size=(len(numbers), *SHAPE))
-    values[rng.random(values.shape) < 0.2] = np.nan
-    # runs are numbered without holes
-    run = np.array(numbers, np.int64)
-    run[run >= 0] = np.unique(run[run >= 0], return_inverse=True)[1].reshape(-1)
-    means = tare_means(values, run)
-    assert means.shape == (run.max(initial=-1) + 1, *SHAPE)
-    for m, mean in enumerate(means):
-        for taxel, channel in np.ndindex(*SHAPE):
-            known = [x for x in values[run == m][:, taxel, channel] if not np.isnan(x)]
-            wanted = sum(known) / len(known) if known else np.nan
-            np.testing.assert_allclose(mean[taxel, channel], wanted, rtol=1e-12)
 
 
 def plain_tracker(start: np.ndarray, values: np.ndarray, stamp_ns: np.ndarray) -> np.ndarray:

@@ -1,6 +1,8 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Contact: the threshold, the excursion, ids of touches and of patches."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -36,19 +38,17 @@ STREAM = st.lists(st.tuples(st.sampled_from([-1, 0, 1]), st.integers(0, 9)), max
 @given(STREAM, st.integers(0, 25))
 def test_ids_live_from_touch_to_release(stream: list[tuple[int, int]], cut: int) -> None:
     contact = np.array([c for c, _ in stream], np.int8)
-    restart = np.array([r == 0 for _, r in stream], bool)
-    wanted = plain_ids(contact.tolist(), restart.tolist())
-    assert ContactIds().number(contact, restart, in_time=True).tolist() == wanted
-    # one by one, and in two pieces
-    ids = ContactIds()
-    assert [
-        int(ids.number(contact[i : i + 1], restart[i : i + 1], in_time=True)[0])
-        for i in range(len(contact))
-    ] == wanted
-    ids = ContactIds()
-    parts = [ids.number(contact[p], restart[p], in_time=True) for p in
-             (slice(0, cut), slice(cut, None))]  # fmt: skip
-    assert np.concatenate(parts).tolist() == wanted
+    restart = np.array([r < 2 for _, r in stream], bool)
+    begins = np.array([r == 0 for _, r in stream], bool)
+    wanted = []
+    for part in np.split(np.arange(len(contact)), np.flatnonzero(begins)):
+        wanted += plain_ids(contact[part].tolist(), restart[part].tolist())
+    # at once, in two pieces and one by one
+    for edges in ((0, len(contact)), (0, cut, len(contact)), range(len(contact) + 1)):
+        ids, found = ContactIds(), []
+        for part in (slice(a, b) for a, b in pairwise(edges)):
+            found += ids.number(contact[part], restart[part], True, begins[part]).tolist()
+        assert found == wanted
 
 
 def test_the_threshold_is_five_sigma_or_a_share_of_light_touches() -> None:
@@ -151,18 +151,6 @@ def test_calm_frames_raise_the_threshold_as_far_as_firm_touches_allow() -> None:
     assert calm_factor(None, rows, scale) == 1.0
     assert calm_factor(rows[:0], rows, scale) == 1.0
     assert calm_factor(rows, rows, np.full((1, 2), np.nan)) == 1.0
-
-
-@given(STREAM)
-def test_numbers_begin_anew_with_a_stream(stream: list[tuple[int, int]]) -> None:
-    contact = np.array([c for c, _ in stream], np.int8)
-    restart = np.array([r < 2 for _, r in stream], bool)
-    begins = np.array([r == 0 for _, r in stream], bool)
-    wanted = []
-    for part in np.split(np.arange(len(contact)), np.flatnonzero(begins)):
-        wanted += plain_ids(contact[part].tolist(), restart[part].tolist())
-    found = ContactIds().number(contact, restart, in_time=True, begins=begins)
-    assert found.tolist() == wanted
 
 
 def test_what_moves_by_more_than_itself_is_followed_within_reach() -> None:

@@ -144,7 +144,8 @@ def test_places_forces_and_cells_are_as_good_as_noise_allows() -> None:
     assert (np.linalg.norm(states.stray_field[REST:], axis=1) > 0).mean() < 0.02
 
 
-def test_sigmas_hold_their_share_of_new_touches() -> None:
+def test_sigmas_hold_their_share_of_new_touches(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(inversion, 'FOLDS', 4)
     pad = reference.PadWorld(CONFIG, seed=8, poisson=0.4, stiffening=30.0, base=0.4, gains=0.02)
     pipeline = SPEC.pipeline(estimator=TABLE).fit(record(1, 300, pad=pad)[1])
     touches, fresh = record(2, 600, pad=pad)
