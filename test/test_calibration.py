@@ -33,13 +33,10 @@ from tactile_ros.errors import CalibrationError
 ARRAYS = {
     'a/values.array': np.arange(24.0).reshape(2, 3, 4),
     'a/turned.array': np.asfortranarray(np.arange(6.0).reshape(2, 3)),
-    'a/none.none': np.zeros((0, 3)),
-    'count.scalar': np.array(7),
-    'flags': np.array([True, False]),
-    'name.scalar': np.array('skin Ω'),
-    'empty.scalar': np.array(''),
+    'a/none.none': np.zeros((0, 3)), 'count.scalar': np.array(7), 'flags': np.array([True, False]),
+    'name.scalar': np.array('skin Ω'), 'empty.scalar': np.array(''),
     'swapped': np.arange(3, dtype='>i4'),
-}
+}  # fmt: skip
 SLOW = settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
@@ -131,11 +128,8 @@ class Bomb:
 
 
 HOSTILE = {
-    'pickle': npy(np.array([Bomb()]), allow_pickle=True),
-    'bare pickle': pickle.dumps(Bomb()),
-    'nothing': b'',
-    'no header': b'\x93NUMPY',
-    'text': b'hello',
+    'pickle': npy(np.array([Bomb()]), allow_pickle=True), 'bare pickle': pickle.dumps(Bomb()),
+    'nothing': b'', 'no header': b'\x93NUMPY', 'text': b'hello',
     'huge shape': header("'<f8'", '(1000000000000, 8)', bytes(64)),
     'overflowing shape': header("'<f8'", '(999999999999999999, 999999999999999999)'),
     'huge empty shape': header("'<f8'", '(0, 999999999999999999, 999999999999999999)'),
@@ -143,17 +137,14 @@ HOSTILE = {
     'negative shape': header("'<f8'", '(-1,)', bytes(8)),
     'no shape': header("'<f8'", '3', bytes(24)),
     'records': header("[('x', '<f8')]", '(1,)', bytes(8)),
-    'objects': header("'|O'", '(1,)', bytes(8)),
-    'nested': header("'<f8'", '(' * 9000, bytes(8)),
+    'objects': header("'|O'", '(1,)', bytes(8)), 'nested': header("'<f8'", '(' * 9000, bytes(8)),
     'code': header('__import__("os").getpid()', '()', bytes(8)),
     'no such float': header("'<f3'", '(1,)', bytes(3)),
     'text of no length': header("'<U0'", '(1000000000000,)'),
-    'too long': header("'<f8'", '(1,)', bytes(9)),
-    'too short': header("'<f8'", '(2,)', bytes(8)),
-    'dates': npy(np.array(['2020-01-01'], 'datetime64[D]')),
-    'complex': npy(np.array([1j])),
+    'too long': header("'<f8'", '(1,)', bytes(9)), 'too short': header("'<f8'", '(2,)', bytes(8)),
+    'dates': npy(np.array(['2020-01-01'], 'datetime64[D]')), 'complex': npy(np.array([1j])),
     'bytes': npy(np.array([b'x'])),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize('kind', HOSTILE)
@@ -338,12 +329,9 @@ class Regressor:
 
 CLASSES = {'Geometry': Geometry, 'Regressor': Regressor}
 LEAVES = st.one_of(
-    st.none(),
-    st.booleans(),
-    st.integers(-(2**63), 2**63 - 1),
-    st.floats(allow_nan=False),
+    st.none(), st.booleans(), st.integers(-(2**63), 2**63 - 1), st.floats(allow_nan=False),
     st.text(st.characters(exclude_characters='\0', exclude_categories=['Cs'])),
-)
+)  # fmt: skip
 TREES = st.recursive(
     LEAVES,
     lambda child: st.one_of(

@@ -13,16 +13,11 @@ from tactile_ros.types import STATE_FIELDS, ContactStates, Frame, Layout
 
 ROOT = Path(__file__).parents[1]
 LAYOUT = Layout(
-    positions=np.arange(15.0).reshape(5, 3) * 1e-3,
-    channels=('Bx', 'By', 'Bz'),
-    unit='T',
+    positions=np.arange(15.0).reshape(5, 3) * 1e-3, channels=('Bx', 'By', 'Bz'), unit='T',
     rotations=np.array([[[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]] * 4 + [np.eye(3)]),
-    saturation=np.array([5e-3, 5e-3, np.inf]),
-    rate_hz=100.0,
-    frame_id='thumb',
-    sensor='reskin_board',
-    serial='A7',
-)
+    saturation=np.array([5e-3, 5e-3, np.inf]), rate_hz=100.0, frame_id='thumb',
+    sensor='reskin_board', serial='A7',
+)  # fmt: skip
 
 
 def _from_rosbags() -> SimpleNamespace:
@@ -75,15 +70,11 @@ def _from_rclpy() -> SimpleNamespace:
     geometry = pytest.importorskip('geometry_msgs.msg')
     rclpy = pytest.importorskip('rclpy.serialization')
     return SimpleNamespace(
-        frame=msg.TactileFrame,
-        layout=msg.TactileLayout,
-        contacts=msg.TactileContacts,
-        patch=msg.TactileContact,
-        wrench=geometry.WrenchStamped,
-        point=geometry.Point,
+        frame=msg.TactileFrame, layout=msg.TactileLayout, contacts=msg.TactileContacts,
+        patch=msg.TactileContact, wrench=geometry.WrenchStamped, point=geometry.Point,
         quaternion=geometry.Quaternion,
         wire=lambda m: rclpy.deserialize_message(rclpy.serialize_message(m), type(m)),
-    )
+    )  # fmt: skip
 
 
 @pytest.fixture(params=[_from_rosbags, _from_rclpy], ids=['rosbags', 'rclpy'])

@@ -127,12 +127,9 @@ def pipeline_of(estimator: str) -> Pipeline:
     place = np.column_stack([0.01 * hidden[:, :2], np.full(40, np.nan)])
     config = SENSOR.config()
     recording = Recording.from_arrays(
-        SENSOR.layout(config),
-        5e-3 + delta,
-        stamp_ns=np.arange(40) * 10_000_000,
-        tare=np.arange(40) % 10 == 0,
-        truth={'position': place, 'force': hidden},
-    )
+        SENSOR.layout(config), 5e-3 + delta, stamp_ns=np.arange(40) * 10_000_000,
+        tare=np.arange(40) % 10 == 0, truth={'position': place, 'force': hidden},
+    )  # fmt: skip
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(regression, 'FEWEST_STEPS', 50)  # how well it estimates is not asked here
         return SENSOR.pipeline(config, estimator).fit(recording)
@@ -390,12 +387,9 @@ def stream(seed: int, samples: int = 60, stamped: bool = True) -> Recording:
     values[rng.random(values.shape) < 0.005] = rng.choice([np.nan, np.inf, 1e3])
     status = rng.choice([0, 1, 4], (samples, TAXELS), p=[0.96, 0.03, 0.01])
     return Recording.from_arrays(
-        LAYOUT,
-        values,
-        stamp_ns=np.cumsum(step) if stamped else None,
-        status=status if seed % 2 else None,
-        tare=rng.random(samples) < 0.06 if seed % 3 else None,
-    )
+        LAYOUT, values, stamp_ns=np.cumsum(step) if stamped else None,
+        status=status if seed % 2 else None, tare=rng.random(samples) < 0.06 if seed % 3 else None,
+    )  # fmt: skip
 
 
 def run_live(pipeline: Pipeline, recording: Recording) -> tuple[list[int], list[ContactState]]:
@@ -528,12 +522,9 @@ def test_a_tare_that_read_nothing_leaves_the_baseline_as_it_was(track: bool) -> 
     assert int(pipeline.process(frame(lost, 1)).contacts_id[0]) == 0
     # in a batch likewise: the tare before it holds on, else that of the fit
     recording = Recording.from_arrays(
-        LAYOUT,
-        np.stack([REST + 5, lost, REST + 5, lost, lost, REST]),
-        stamp_ns=np.arange(6),
-        stream=[0, 0, 0, 0, 1, 1],
-        tare=[True, False, False, True, True, False],
-    )
+        LAYOUT, np.stack([REST + 5, lost, REST + 5, lost, lost, REST]), stamp_ns=np.arange(6),
+        stream=[0, 0, 0, 0, 1, 1], tare=[True, False, False, True, True, False],
+    )  # fmt: skip
     assert fitted().process_batch(recording).in_contact.tolist() == [0, -1, 0, -1, -1, 0]
 
 
@@ -592,13 +583,9 @@ def test_fit_leaves_out_bad_and_blind_rows() -> None:
     stream_of = np.arange(200) // 190
     values[190, 0] = np.nan
     spoilt = Recording.from_arrays(
-        LAYOUT,
-        values,
-        status=status,
-        stream=stream_of,
-        tare=np.isin(np.arange(200), [0, 190]),
+        LAYOUT, values, status=status, stream=stream_of, tare=np.isin(np.arange(200), [0, 190]),
         truth=recording.truth,
-    )
+    )  # fmt: skip
     report = toy().fit(spoilt).report
     assert report['force']['rows'] == 189 - 2
     assert report['left_out'] == {'rows with a faulty taxel': 3.0, 'rows without a baseline': 9.0}
@@ -701,12 +688,9 @@ def test_drift_between_touches_with_forces_alone_hides_no_touch(drift: float) ->
     values += NOISE * rng.normal(size=values.shape)
     force = np.where(np.arange(3) == 2, load.reshape(600, 1), 0.0)
     recording = Recording.from_arrays(
-        LAYOUT,
-        values.reshape(600, *SHAPE),
-        stream=np.repeat(np.arange(200), 3),
-        tare=(load == 0).ravel(),
-        truth={'force': force},
-    )
+        LAYOUT, values.reshape(600, *SHAPE), stream=np.repeat(np.arange(200), 3),
+        tare=(load == 0).ravel(), truth={'force': force},
+    )  # fmt: skip
     states = toy(ToyConfig(noise=None)).fit(recording).process_batch(recording)
     assert (states.in_contact[load.ravel() > 0] == 1).mean() > 0.93
     np.testing.assert_array_equal(states.in_contact[load.ravel() == 0], 0)
@@ -727,12 +711,9 @@ def test_fit_sees_the_baseline_move_as_it_will_in_use() -> None:
     delta = np.where(touched[:, None, None], rng.normal(size=(samples, *SHAPE)), 0.0)
     force = delta.reshape(samples, -1) @ TRUE_WEIGHTS
     recording = Recording.from_arrays(
-        LAYOUT,
-        REST + drift + delta,
-        stamp_ns=np.arange(samples) * SECOND_NS // 10,
-        tare=np.arange(samples) == 0,
-        truth={'force': np.where(touched[:, None], force, np.nan)},
-    )
+        LAYOUT, REST + drift + delta, stamp_ns=np.arange(samples) * SECOND_NS // 10,
+        tare=np.arange(samples) == 0, truth={'force': np.where(touched[:, None], force, np.nan)},
+    )  # fmt: skip
     pipeline = toy().fit(recording)
     weights = pipeline.estimation.weights_  # type: ignore[attr-defined]
     # 0.1 with the baseline of the tare throughout

@@ -177,17 +177,13 @@ def test_a_recording_that_is_named_is_shown_as_it_is(
     ('text', 'words'),
     [
         ('sensr = "x"', "must set texts, one of sensor, port, calibration; received 'sensr'"),
-        ('port = 3', 'must set texts'),
-        ('port = ""', 'must set texts'),
-        ('[sensor]\na = "b"', 'must set texts'),
-        ('sensor', 'must be plain TOML'),
-        ('\udcff', 'must be plain TOML'),
-        ('a = [' * 3000, 'must be plain TOML'),
+        ('port = 3', 'must set texts'), ('port = ""', 'must set texts'),
+        ('[sensor]\na = "b"', 'must set texts'), ('sensor', 'must be plain TOML'),
+        ('\udcff', 'must be plain TOML'), ('a = [' * 3000, 'must be plain TOML'),
         ('a = ' + '[' * 4000, 'must be plain TOML'),
-        ('.'.join('a' * 4000) + ' = 1', "received 'a'"),
-        ('"a\\nb" = 1', r"received 'a\nb' = 1"),
+        ('.'.join('a' * 4000) + ' = 1', "received 'a'"), ('"a\\nb" = 1', r"received 'a\nb' = 1"),
     ],
-)
+)  # fmt: skip
 def test_a_file_that_sets_something_else_is_refused(
     text: str, words: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -72,16 +72,12 @@ def test_a_chip_whose_field_is_exactly_0_on_all_axes_is_dead() -> None:
 @pytest.mark.parametrize(
     ('bits', 'flags'),
     [
-        ([0, 0, 0], 0),
-        ([1, 0, 0], FrameStatus.STALE),
-        ([1, 1, 1], FrameStatus.STALE),
+        ([0, 0, 0], 0), ([1, 0, 0], FrameStatus.STALE), ([1, 1, 1], FrameStatus.STALE),
         ([2, 0, 0], FrameStatus.SATURATED | FrameStatus.BAD_TAXELS),
-        ([0, 4, 0], FrameStatus.BAD_TAXELS),
-        ([0, 0, 8], FrameStatus.BAD_TAXELS),
-        ([16, 0, 0], FrameStatus.BAD_TAXELS),
-        ([32, 0, 0], FrameStatus.BAD_TAXELS),
+        ([0, 4, 0], FrameStatus.BAD_TAXELS), ([0, 0, 8], FrameStatus.BAD_TAXELS),
+        ([16, 0, 0], FrameStatus.BAD_TAXELS), ([32, 0, 0], FrameStatus.BAD_TAXELS),
         ([1, 3, 1], FrameStatus.STALE | FrameStatus.SATURATED | FrameStatus.BAD_TAXELS),
     ],
-)
+)  # fmt: skip
 def test_bits_of_taxels_become_bits_of_the_frame(bits: list[int], flags: int) -> None:
     assert frame_faults(np.array([bits], np.uint8)).tolist() == [flags]

@@ -128,16 +128,12 @@ def put(tmp_path: Path) -> Iterator[Put]:
 @pytest.mark.parametrize(
     ('text', 'sentence'),
     [
-        ('', 'no rows'),
-        ('u_0\n', 'no rows'),
-        ('u_0,u_0\n1,2\n', 'header does not fit'),
-        ('u_0\n1,2\n', 'line 2'),
-        ('u_0\nred\n', 'red'),
-        ('w\n1\n', "'u_0' is missing"),
+        ('', 'no rows'), ('u_0\n', 'no rows'), ('u_0,u_0\n1,2\n', 'header does not fit'),
+        ('u_0\n1,2\n', 'line 2'), ('u_0\nred\n', 'red'), ('w\n1\n', "'u_0' is missing"),
         ('u_0,colour\n1,2\n', "'colour' is not known"),
         ('u_0,stamp_ns\n1,99999999999999999999999\n', 'no recording'),
     ],
-)
+)  # fmt: skip
 def test_csv_that_makes_no_sense_is_refused_with_a_sentence(
     tmp_path: Path, text: str, sentence: str
 ) -> None:

@@ -555,14 +555,10 @@ def handle(number: int) -> SimpleNamespace:
     """A goal as rclpy hands it over."""
     heard, executed = [], []
     return SimpleNamespace(
-        request=Grasp.Goal(target_force=2.0),
-        goal_id=SimpleNamespace(uuid=bytes([number])),
-        is_cancel_requested=False,
-        feedback=heard,
-        publish_feedback=heard.append,
-        executed=executed,
-        execute=lambda: executed.append(number),
-    )
+        request=Grasp.Goal(target_force=2.0), goal_id=SimpleNamespace(uuid=bytes([number])),
+        is_cancel_requested=False, feedback=heard, publish_feedback=heard.append,
+        executed=executed, execute=lambda: executed.append(number),
+    )  # fmt: skip
 
 
 def decision(force: float, ended: GraspProgress | None = None) -> SimpleNamespace:

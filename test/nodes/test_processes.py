@@ -61,13 +61,9 @@ def test_a_killed_parent_takes_its_children_along(code: str) -> None:
 
 def test_a_node_whose_parent_is_gone_does_not_begin() -> None:
     done = subprocess.run(
-        Process('record').command(),
-        env={**os.environ, STARTED_BY: '-1'},
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=False,
-    )
+        Process('record').command(), env={**os.environ, STARTED_BY: '-1'}, capture_output=True,
+        text=True, timeout=PATIENCE_S, check=False,
+    )  # fmt: skip
     assert done.returncode == 1
     assert done.stderr == 'what started this node has ended\n'
 

@@ -52,14 +52,10 @@ class GripWorld:
         count = len(self.gains)
         felt = self.force * np.array(self.gains) + self.noise * self.rng.normal(size=count)
         return GripInput(
-            normal=felt,
-            tangential=np.zeros(count),
-            valid=np.ones(count, bool),
-            slip=np.zeros(count, np.int8),
-            age=np.zeros(count),
-            closure=self.closure + 1e-4 * self.rng.normal(size=count),
-            closure_age=0.0,
-        )
+            normal=felt, tangential=np.zeros(count), valid=np.ones(count, bool),
+            slip=np.zeros(count, np.int8), age=np.zeros(count),
+            closure=self.closure + 1e-4 * self.rng.normal(size=count), closure_age=0.0,
+        )  # fmt: skip
 
     def advance(self, made: GripStep) -> None:
         """One period of the law with its command."""

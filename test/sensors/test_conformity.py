@@ -83,12 +83,10 @@ class Toy:
             'force': np.column_stack([0.1 * hidden[:, :2], hidden[:, 2]]),
             'torque': np.column_stack([0.01 * hidden[:, :2], blank]),
             'position': np.column_stack([0.01 * hidden[:, :2], blank]),
-            'cell': (hidden[:, 0] > 0).astype(int),
-            'label': (hidden[:, 1] > 0).astype(int),
-            'yaw': hidden[:, 0],
-            'taxel_force': np.abs(delta).sum(axis=2) / self.signal,
+            'cell': (hidden[:, 0] > 0).astype(int), 'label': (hidden[:, 1] > 0).astype(int),
+            'yaw': hidden[:, 0], 'taxel_force': np.abs(delta).sum(axis=2) / self.signal,
             'session': np.arange(samples) // (samples // 2 + 1),
-        }
+        }  # fmt: skip
         return values, truth
 
     def independent(self, samples: int = 60, seed: int = 2) -> Recording:
@@ -120,13 +118,11 @@ class Toy:
             for name, column in truth.items()
         }
         return Recording.from_arrays(
-            self.layout,
-            np.insert(values, first, self.rest, axis=0),
+            self.layout, np.insert(values, first, self.rest, axis=0),
             stamp_ns=STEP_NS * np.arange(rows),
             stream=np.repeat(np.arange(streams), self.length + 1),
-            tare=np.insert(np.zeros(samples, bool), first, values=True),
-            truth=known,
-        )
+            tare=np.insert(np.zeros(samples, bool), first, values=True), truth=known,
+        )  # fmt: skip
 
     def pipeline(self, estimator: str | None = None, **changes: object) -> Pipeline:
         """Not fitted yet; with the quickest estimator."""
@@ -524,12 +520,10 @@ def test_every_subset_of_truth_ends_in_a_fit_or_in_one_sentence(
 
 def test_recordings_of_many_kinds_are_learned_together(toy: Toy) -> None:
     kinds = [
-        toy.streams(4, seed=20),
-        toy.independent(24, seed=21),
+        toy.streams(4, seed=20), toy.independent(24, seed=21),
         Recording.from_arrays(toy.layout, toy.streams(2, seed=22).values),
-        toy.streams(1).select(slice(0, 1)),
-        toy.streams(1).select(slice(0, 0)),
-    ]
+        toy.streams(1).select(slice(0, 1)), toy.streams(1).select(slice(0, 0)),
+    ]  # fmt: skip
     one = toy.pipeline().fit(*kinds)
     assert one.calibrated
     one.process_batch(kinds[0]).refuse_misfit(toy.layout.shape[0])

@@ -86,22 +86,19 @@ def test_values_take_their_types() -> None:
         ('noise', [1, 2, 3], 'or one for each channel'),
         ('limit', 'high', 'or one for each channel'),
         ('rate', 0.5, 'must be a number from 1 to 100; received 0.5'),
-        ('rate', np.nan, 'must be a number from 1 to 100'),
-        ('rate', 'fast', 'must be a number'),
+        ('rate', np.nan, 'must be a number from 1 to 100'), ('rate', 'fast', 'must be a number'),
         ('rate', True, 'must be a number'),
         ('count', 2.5, 'must be a whole number from 1 to 9; received 2.5'),
         ('on', 1, 'must be true or false; received 1'),
         ('mode', 'c', "must be one of a, b; received 'c'"),
-        ('buses', (), 'must be one text or more'),
-        ('buses', (3,), 'must be one text or more'),
+        ('buses', (), 'must be one text or more'), ('buses', (3,), 'must be one text or more'),
         ('codes', (1.5,), 'must be whole numbers'),
-        ('codes', (9,), 'must be finite and from 0 to 7'),
-        ('codes', (), 'one row or more'),
+        ('codes', (9,), 'must be finite and from 0 to 7'), ('codes', (), 'one row or more'),
         ('parts', (1,), 'must be a tuple of Outline'),
         ('parts', DISC, 'must be a tuple of Outline'),
         ('shapes', 'round', 'must be a tuple of Outline'),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_is_refused_in_one_sentence(name: str, value: object, words: str) -> None:
     with pytest.raises(ValueError, match=f'^{name} of Toy .*{words}') as refused:
         Toy(**{name: value})

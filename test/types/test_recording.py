@@ -17,14 +17,10 @@ def recording(samples: int, seed: int = 0, **columns: object) -> Recording:
 
 def test_columns_that_some_lack_are_filled_with_what_means_nothing() -> None:
     full = recording(
-        3,
-        stamp_ns=[5, 6, 7],
-        sequence=[1, 2, 3],
-        temperature_c=np.full((3, 2), 30.0),
-        status=np.full((3, 2), 2),
-        tare=[True, False, False],
+        3, stamp_ns=[5, 6, 7], sequence=[1, 2, 3], temperature_c=np.full((3, 2), 30.0),
+        status=np.full((3, 2), 2), tare=[True, False, False],
         truth={'force': np.ones((3, 3)), 'cell': [4, 5, 6], 'in_contact': [0, 1, 1]},
-    )
+    )  # fmt: skip
     bare = recording(2, 1, truth={'label': [1, 2]})
     joined = join([full, bare, full])
     assert len(joined) == 8
@@ -70,15 +66,13 @@ def test_tare_rows_rest_else_those_that_truth_calls_untouched() -> None:
 @pytest.mark.parametrize(
     ('truth', 'touched'),
     [
-        ({}, [0, 0, 0]),
-        ({'force': np.ones((3, 3))}, [0, 0, 0]),
-        ({'cell': [0, -1, 3]}, [1, 0, 1]),
-        ({'label': [-1, 0, -1]}, [0, 1, 0]),
+        ({}, [0, 0, 0]), ({'force': np.ones((3, 3))}, [0, 0, 0]),
+        ({'cell': [0, -1, 3]}, [1, 0, 1]), ({'label': [-1, 0, -1]}, [0, 1, 0]),
         ({'position': [[0, 0, np.nan], [np.nan] * 3, [np.nan, 0, 0]]}, [1, 0, 1]),
         ({'in_contact': [1, 0, -1]}, [1, 0, 0]),
         ({'in_contact': [-1, 0, 1], 'cell': [2, 2, -1]}, [1, 0, 1]),
     ],
-)
+)  # fmt: skip
 def test_rows_that_truth_calls_touched(truth: dict[str, object], touched: list[int]) -> None:
     assert touched_rows(recording(3, truth=truth)).astype(int).tolist() == touched
 
@@ -148,12 +142,10 @@ def test_every_truth_key_is_taken_in_its_shape_only(key: str) -> None:
 
 def test_truth_that_is_unknown() -> None:
     truth = {
-        'cell': [0.0, np.nan, 2.0],
-        'in_contact': np.array([1, 0, -1], np.int8),
-        'label': np.array([True, False, True]),
-        'force': None,
+        'cell': [0.0, np.nan, 2.0], 'in_contact': np.array([1, 0, -1], np.int8),
+        'label': np.array([True, False, True]), 'force': None,
         'session': np.array([3, 3, 4], np.uint8),
-    }
+    }  # fmt: skip
     told = {key: column.tolist() for key, column in recording(3, truth=truth).truth.items()}
     assert told == {
         'cell': [0, -1, 2], 'in_contact': [1, 0, -1], 'label': [1, 0, 1], 'session': [3, 3, 4],
@@ -179,16 +171,11 @@ def turned(angle: float) -> np.ndarray:
 @pytest.mark.parametrize(
     'pose',
     [
-        np.zeros((4, 4)),
-        np.diag([1.0, 1.0, -1.0, 1.0]),
-        1.01 * turned(0.3),
-        np.diag([1.0, 1.0, 1.0, 0.0]),
-        np.full((4, 4), np.inf),
-        np.where(np.eye(4), np.inf, 0.0),
-        np.where(np.eye(4, k=3), np.inf, turned(0.3)),
-        np.full((4, 4), 1e200),
+        np.zeros((4, 4)), np.diag([1.0, 1.0, -1.0, 1.0]), 1.01 * turned(0.3),
+        np.diag([1.0, 1.0, 1.0, 0.0]), np.full((4, 4), np.inf), np.where(np.eye(4), np.inf, 0.0),
+        np.where(np.eye(4, k=3), np.inf, turned(0.3)), np.full((4, 4), 1e200),
     ],
-)
+)  # fmt: skip
 def test_poses_are_rotations_and_translations(pose: np.ndarray) -> None:
     poses = np.stack([turned(0.3), np.full((4, 4), np.nan), np.round(turned(0.7), 4), pose])
     values = np.zeros((4, 2, 3))
@@ -203,15 +190,11 @@ def test_poses_are_rotations_and_translations(pose: np.ndarray) -> None:
 @pytest.mark.parametrize(
     ('name', 'value'),
     [
-        ('values', np.zeros((3, 3, 2))),
-        ('stamp_ns', np.arange(4)),
-        ('sequence', np.zeros((3, 1))),
-        ('temperature_c', np.zeros(3)),
-        ('status', np.zeros((3, 3))),
-        ('stream', np.zeros(2)),
-        ('tare', np.zeros(2)),
+        ('values', np.zeros((3, 3, 2))), ('stamp_ns', np.arange(4)),
+        ('sequence', np.zeros((3, 1))), ('temperature_c', np.zeros(3)),
+        ('status', np.zeros((3, 3))), ('stream', np.zeros(2)), ('tare', np.zeros(2)),
     ],
-)
+)  # fmt: skip
 def test_other_lengths_are_refused_by_name(name: str, value: np.ndarray) -> None:
     arguments = {'values': np.zeros((3, 2, 3)), name: value}
     with pytest.raises(ValueError, match=f'{name} of Recording must have shape'):

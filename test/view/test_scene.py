@@ -43,12 +43,9 @@ def state(**known: object) -> ContactState:
 
 
 TOUCHED = state(
-    position=[1e-3, 2e-3, np.nan],
-    position_cov=np.diag([1e-6, 4e-6, np.nan]),
-    force=[np.nan, np.nan, 2.0],
-    in_contact=np.int8(1),
-    slip=np.int8(0),
-)
+    position=[1e-3, 2e-3, np.nan], position_cov=np.diag([1e-6, 4e-6, np.nan]),
+    force=[np.nan, np.nan, 2.0], in_contact=np.int8(1), slip=np.int8(0),
+)  # fmt: skip
 
 
 def scene(values: object, state: ContactState, layout: Layout = CHIPS) -> SimpleNamespace:
@@ -136,13 +133,11 @@ def test_a_grip_has_its_numbers_by_finger() -> None:
 CONFIG = Path(__file__).parents[2] / 'config'
 OWN = {'/scene', '/taxels', '/state', '/grip'}
 NODES = {
-    '/markers': None,
-    '/surface': None,
+    '/markers': None, '/surface': None,
     '/object_pose': 'geometry_msgs/msg/PoseWithCovarianceStamped',
-    '/wrench': 'geometry_msgs/msg/WrenchStamped',
-    '/contacts': 'tactile_ros/msg/TactileContacts',
+    '/wrench': 'geometry_msgs/msg/WrenchStamped', '/contacts': 'tactile_ros/msg/TactileContacts',
     '/grip_node/state': 'tactile_ros/msg/GripState',
-}
+}  # fmt: skip
 
 
 def layout_of(name: str) -> dict[str, object]:
