@@ -10,7 +10,7 @@ import pytest
 
 import tactile_ros.sensors
 from tactile_ros.cli.main import main
-from tactile_ros.sensors import designable, load_sensor
+from tactile_ros.sensors import load_sensor
 
 INIT = '''"""A board under another name."""
 from dataclasses import replace
@@ -107,10 +107,3 @@ def test_arguments_are_those_of_the_sensor(
     printed = capsys.readouterr()
     wanted = ('tactile design tiny_pad --gap 2', 'from magnet to chip (mm)', '--config')
     assert code or all(text in printed.out for text in wanted)
-
-
-@pytest.mark.parametrize('key', designable())
-def test_designs_of_the_package_print(key: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['design', key, '--json']) == 0
-    tables = json.loads(capsys.readouterr().out)
-    assert all(table['title'] and table['rows'] for table in tables)
