@@ -7,7 +7,6 @@ import re
 import sys
 from collections.abc import Callable
 from html import unescape
-from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace as Framed
 
@@ -100,19 +99,6 @@ def results(tmp_path: Path) -> Path:
     return folder
 
 
-class Checker(HTMLParser):
-    """Tags that were opened, and what they could fetch."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.tags: set[str] = set()
-        self.fetched: list[str] = []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.add(tag)
-        self.fetched += [str(v) for k, v in attrs if k in ('src', 'href') or k.startswith('on')]
-
-
 @pytest.mark.parametrize(
     ('text', 'words'),
     [
@@ -200,12 +186,10 @@ def test_results_are_read_back_and_their_page_is_escaped_and_fetches_nothing(
     assert (picture.name, picture.description) == ('error map', f'A map {HOSTILE}')
     assert picture.size == (360, 270)
     text = render_package(files, [HOSTILE], f'tactile report {HOSTILE}')
-    checker = Checker()
-    checker.feed(text)
-    assert not {'script', 'link', 'iframe', 'object'} & checker.tags
-    assert '<script' not in text
-    assert all(v.startswith(('#bench-', 'data:image/svg+xml;base64,')) for v in checker.fetched)
-    assert len(checker.fetched) == 3
+    assert not re.findall('<(?:script|link|iframe|object)', text, re.IGNORECASE)
+    fetched = re.findall(r'\s(?:src|href|on\w+)="?([^"\s>]*)', text)
+    assert all(v.startswith(('#bench-', 'data:image/svg+xml;base64,')) for v in fetched)
+    assert len(fetched) == 3
     assert 'nan' not in re.sub(r'base64,[^"]*', '', text)
 
 

@@ -23,10 +23,11 @@ from tactile_ros.msg import TactileContacts, TactileFrame, TactileLayout
 from tactile_ros.nodes import lifecycle
 from tactile_ros.nodes.contact_node import ContactNode
 from tactile_ros.nodes.lifecycle import qos
+from tactile_ros.physics.coverage import washer
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.taxel_array.config import grid_positions
-from tactile_ros.types import Frame, FrameStatus, Layout, Outline, Recording
+from tactile_ros.types import Frame, FrameStatus, Layout, Recording
 
 if TYPE_CHECKING:
     from conftest import Ros
@@ -34,12 +35,9 @@ if TYPE_CHECKING:
 PITCH, TAXELS = 5e-3, 72
 SPEC = load_sensor('taxel_array')
 OUTER, INNER = 14e-3, 6.5e-3
-ANGLE = 2 * np.pi * np.arange(96) / 96
-RIM = np.column_stack([np.cos(ANGLE), np.sin(ANGLE)])
-WASHER = Outline('washer', (OUTER * RIM, (INNER * RIM)[::-1]))
 CONFIG = dataclasses.replace(  # type: ignore[type-var]
     SPEC.config(), positions=grid_positions(8, 9, PITCH), areas=np.full(TAXELS, PITCH**2),
-    force_range=(0.0, 5.0), objects=(WASHER,),
+    force_range=(0.0, 5.0), objects=(washer('washer', OUTER, INNER),),
 )  # fmt: skip
 
 
