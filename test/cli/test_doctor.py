@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from reference.wires import Wires
 from tactile_ros.cli import doctor
 from tactile_ros.cli.main import main
 from tactile_ros.devices.mlx90393 import ChipPlace
@@ -135,21 +136,6 @@ def test_a_port_that_may_not_be_used(
     assert doctor.permission(tmp_path / 'none', 'dialout', '').what == 'does not exist'
 
 
-class Nobody:
-    """A bus whose transfers all fail in one way, and that keeps what was written."""
-
-    def __init__(self, number: int) -> None:
-        self.number = number
-        self.written: set[bytes] = set()
-
-    def i2c_rdwr(self, *messages: object) -> None:
-        self.written |= {bytes(m) for m in messages if not m.flags & 1}
-        raise OSError(self.number, 'no')
-
-    def close(self) -> None:
-        pass
-
-
 def test_a_bus_is_asked_without_changing_anything() -> None:
     rng = np.random.default_rng(0)
     places = (ChipPlace(0x0C), ChipPlace(0x0E, 0, 0x70, 1))
@@ -157,10 +143,11 @@ def test_a_bus_is_asked_without_changing_anything() -> None:
     found = doctor.probe(I2cBus('twin', SimulatedI2cBus(VirtualClock(), chips)))
     assert found.state == doctor.OK
     assert found.what == 'answers come from 0x0c, 0x70 (switch)'
-    nobody = Nobody(121)
+    nobody = Wires(121)
     assert doctor.probe(I2cBus('empty', nobody)).state == doctor.WARN
-    assert nobody.written == {b'\x00'}
-    assert doctor.probe(I2cBus('stuck', Nobody(110))).state == doctor.BAD
+    written = {data for sent in nobody.seen for _, reads, data in sent if not reads}
+    assert written == {b'\x00'}
+    assert doctor.probe(I2cBus('stuck', Wires(110))).state == doctor.BAD
 
 
 def check_of(values: np.ndarray, period_s: float = 0.01, **more: object) -> doctor.DeviceCheck:

@@ -5,8 +5,8 @@ import errno
 
 import numpy as np
 import pytest
-from smbus2 import i2c_msg
 
+from reference.wires import Wires
 from tactile_ros.devices.mlx90393 import (
     ChipPlace,
     ChipSettings,
@@ -113,24 +113,8 @@ def test_places_of_which_two_would_answer_are_refused(other: ChipPlace) -> None:
     refuse_conflicts([ChipPlace(0x0C), ChipPlace(0x0C, 1)])
 
 
-class Writes:
-    """Keeps what was written while it is not silent."""
-
-    def __init__(self) -> None:
-        self.seen: list[tuple[int, bytes]] = []
-        self.silent = False
-
-    def i2c_rdwr(self, *messages: i2c_msg) -> None:
-        if self.silent:
-            raise OSError(errno.EREMOTEIO, 'remote')
-        self.seen += [(m.addr, bytes(m)) for m in messages]
-
-    def close(self) -> None:
-        pass
-
-
 def test_switches_write_changes_and_what_failed_or_was_forgotten() -> None:
-    wires = Writes()
+    wires = Wires()
     bus = I2cBus('wires', smbus=wires)
     bus.open()
     switches = Switches(bus, [behind(0x71), behind(0x70)])
@@ -138,17 +122,18 @@ def test_switches_write_changes_and_what_failed_or_was_forgotten() -> None:
         switches.select(behind(mux, channel))
     switches.select(ChipPlace())
     assert wires.seen == [
-        (0x71, b'\x00'), (0x70, b'\x02'), (0x70, b'\x00'), (0x71, b'\x04'), (0x71, b'\x08'),
+        [(0x71, 0, b'\x00')], [(0x70, 0, b'\x02')], [(0x70, 0, b'\x00')], [(0x71, 0, b'\x04')],
+        [(0x71, 0, b'\x08')],
     ]  # fmt: skip
-    wires.silent = True
+    wires.failure = errno.EREMOTEIO
     with pytest.raises(NotAcknowledged, match='nothing answers at 0x71'):
         switches.select(behind(0x71, 2))
-    wires.silent = False
+    wires.failure = 0
     switches.select(behind(0x71, 3))
-    assert wires.seen[5:] == [(0x71, b'\x08')]
+    assert wires.seen[6:] == [[(0x71, 0, b'\x08')]]
     switches.forget()
     switches.select(behind(0x71, 3))
-    assert wires.seen[6:] == [(0x70, b'\x00'), (0x71, b'\x08')]
+    assert wires.seen[7:] == [[(0x70, 0, b'\x00')], [(0x71, 0, b'\x08')]]
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Ports on real pseudo-terminals, buses on real messages: every failure is one sentence."""
 
-import ctypes
 import errno
 import os
 import sys
@@ -15,8 +14,8 @@ from types import SimpleNamespace
 import pytest
 import serial.tools.list_ports
 import smbus2
-from smbus2 import i2c_msg
 
+from reference.wires import Wires
 from tactile_ros.devices import transport
 from tactile_ros.devices.simulated_serial import SimulatedSerialPort
 from tactile_ros.devices.transport import I2cBus, SerialPort, list_ports
@@ -162,26 +161,6 @@ def test_missing_packages_are_named(
     monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(MissingPackageError, match=f'pip install {package} '):
         thing.open()
-
-
-class Wires:
-    """Stands in for smbus2.SMBus: fails as told, or answers with counted bytes."""
-
-    def __init__(self, failure: int = 0) -> None:
-        self.failure = failure
-        self.seen: list[list[tuple[int, int, bytes]]] = []
-        self.closed = 0
-
-    def i2c_rdwr(self, *messages: i2c_msg) -> None:
-        self.seen.append([(m.addr, m.flags, bytes(m)) for m in messages])
-        if self.failure:
-            raise OSError(self.failure, 'told to fail')
-        for message in messages:
-            if message.flags & 1:
-                ctypes.memmove(message.buf, bytes(range(message.len)), message.len)
-
-    def close(self) -> None:
-        self.closed += 1
 
 
 def test_i2c_bus_transfers_in_one_transaction() -> None:
