@@ -527,7 +527,7 @@ class Pipeline:
         """Write the calibration to one .npz, atomically, with its answers to a few frames."""
         again = deepcopy(self)
         again.tare_frames = 0  # as it will be read
-        answers = calibration.flatten(again.warm_up(), 'answers')
+        answers = calibration.flatten([*again.warm_up(), self.digest], 'answers')
         calibration.write(path, self._arrays() | answers)
 
     @classmethod
@@ -554,7 +554,7 @@ class Pipeline:
             pipeline.estimation.refuse_damage()
             now = pipeline.warm_up()
             stored = calibration.restore(arrays, 'answers', {})
-            _refuse_other_answers(now, stored)
+            _refuse_other_answers(now, pipeline.digest, stored)
         except Exception as error:
             msg = f'calibration {path} does not work ({error}); calibrate again'
             raise CalibrationError(msg) from error
@@ -610,12 +610,15 @@ class Pipeline:
         return answers
 
 
-def _refuse_other_answers(now: Sequence[Columns], stored: object) -> None:
-    """Raise ValueError where reference frames are answered otherwise than when it was written."""
-    if not isinstance(stored, list) or len(stored) != len(now):
+def _refuse_other_answers(now: Sequence[Columns], digest: str, stored: object) -> None:
+    """Raise ValueError where reference frames are answered otherwise than when it was written.
+
+    So is a file whose digest of what was learned is another: no frame shows all that a fit learns.
+    """
+    if not isinstance(stored, list) or len(stored) != len(now) + 1:
         msg = 'its answers to reference frames are missing'
         raise ValueError(msg)
-    for columns, before in zip(now, stored, strict=True):
+    for columns, before in zip(now, stored[:-1], strict=True):
         for name, column in columns.items():
             wanted = np.asarray(before[name], np.float64)
             found = np.asarray(column, np.float64)
@@ -625,6 +628,9 @@ def _refuse_other_answers(now: Sequence[Columns], stored: object) -> None:
             ):
                 msg = f'it answers reference frames with another {name} than when it was written'
                 raise ValueError(msg)
+    if stored[-1] != digest:
+        msg = 'what it learned is not what answered its reference frames when it was written'
+        raise ValueError(msg)
 
 
 def _refuse_misfit(name: str, parts: Mapping[str, object], classes: Mapping[str, type]) -> None:

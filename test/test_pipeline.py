@@ -752,6 +752,20 @@ def test_load_refuses_arrays_that_change_its_answers(tmp_path: Path, value: floa
     assert refused >= 3
 
 
+def test_load_refuses_any_number_that_is_not_what_was_learned(tmp_path: Path) -> None:
+    fitted().save(tmp_path / 'c.npz')
+    members = read(tmp_path / 'c.npz')
+    # what a tare changes, and answers, are compared with what the file answers
+    compared = ('answers', 'rest_/baseline', 'rest_/temperature_c')
+    for name, array in members.items():
+        if array.dtype.kind == 'f' and array.size and not name.startswith(compared):
+            changed = array.copy()
+            changed.flat[-1] = 1.001 * np.nan_to_num(changed.flat[-1]) + 1e-6
+            write(tmp_path / 'd.npz', {**members, name: changed})
+            with pytest.raises(CalibrationError):
+                Pipeline.load(tmp_path / 'd.npz', 'toy', CLASSES)
+
+
 @pytest.mark.parametrize('factor', [0.5, 2.0])
 def test_load_refuses_another_threshold_of_contact(tmp_path: Path, factor: float) -> None:
     fitted().save(tmp_path / 'c.npz')
