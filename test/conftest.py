@@ -88,17 +88,17 @@ collect_ignore += ['launch/launched.py']  # launch_testing runs it: test/launch/
 
 
 # A file stays in one process: those that take longest come first, so that none of them ends last.
-# The first two share no compiled loop: the second would build anew what the first builds.
+# The first three share no compiled loop: others would build anew what the first builds.
 LONGEST = (
-    'sensors/test_gradiometer', 'sensors/test_taxel_array', 'sensors/test_magnet_pad',
-    'simulation/test_trials', 'sensors/test_conformity', 'sensors/test_five_wire_skin',
-    'sensors/test_multipole_skin', 'sensors/test_network_classes', 'sensors/test_compiled_loops',
-    'cli/test_enrol', 'evaluation/test_replay',
+    'sensors/test_gradiometer', 'sensors/test_taxel_array', 'sensors/test_five_wire_skin',
+    'sensors/test_magnet_pad', 'cli/test_demo', 'simulation/test_trials',
+    'sensors/test_conformity', 'sensors/test_multipole_skin', 'sensors/test_network_classes',
+    'sensors/test_compiled_loops', 'cli/test_enrol', 'evaluation/test_replay',
     'nodes/test_grip_node', 'nodes/test_enrolment_server', 'nodes/test_stack', 'test_enrolment',
-    'devices/test_device_conformity', 'sensors/test_reskin_board',
-    'sensors/test_slip', 'cli/test_help_examples', 'cli/test_calibrate', 'evaluation/test_guided',
-    'test_oracle', 'estimators/test_object_pose', 'nodes/test_sensor_node', 'cli/test_demo',
-    'nodes/test_graph', 'test_first_hour', 'sensors/test_adding_a_sensor',
+    'devices/test_device_conformity', 'sensors/test_reskin_board', 'sensors/test_slip',
+    'cli/test_help_examples', 'cli/test_calibrate', 'evaluation/test_guided', 'test_oracle',
+    'estimators/test_object_pose', 'nodes/test_sensor_node', 'nodes/test_graph', 'test_first_hour',
+    'sensors/test_adding_a_sensor',
 )  # fmt: skip
 
 
