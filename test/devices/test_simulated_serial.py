@@ -1,6 +1,7 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Simulated ports and twins of boards: pace, faults, and nothing left behind."""
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -83,3 +84,11 @@ def test_twin_refuses_unknown_faults_and_missing_rates(layout: Layout) -> None:
     endless = ReskinTwin(Layout(np.zeros((5, 3)), ('x', 'y', 'z'), 'T', rate_hz=400.0), ramp)
     assert 'saturation' not in endless.faults
     assert 'saturation' in twin.faults
+
+
+def test_reskin_twin_sends_whole_steps(layout: Layout) -> None:
+    step = 3 * STEP  # the ramp is not on this grid
+    twin = ReskinTwin(layout, ramp, quantum=np.full(3, step))
+    with twin, twin.device(time.monotonic_ns) as board:
+        counts = np.array([board.read(60.0).values for _ in range(5)]) / step
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-3)
