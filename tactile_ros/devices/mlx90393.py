@@ -249,12 +249,6 @@ class ChipPlace:
         return f'{where} behind channel {self.channel} of {self.mux:#04x}'
 
 
-def clusters(count: int = 5, chips: int = 4, mux: int = 0x70, bus: int = 0) -> list[ChipPlace]:
-    """Places of equal clusters behind the channels of one switch, e.g. 5 clusters of 4 chips."""
-    addresses = range(DEFAULT_ADDRESS, DEFAULT_ADDRESS + chips)
-    return [ChipPlace(a, bus, mux, channel) for channel in range(count) for a in addresses]
-
-
 def refuse_conflicts(places: Sequence[ChipPlace]) -> None:
     """Refuse places of which two would answer at once: a ValueError."""
     direct = [(place.bus, place.address) for place in places if place.mux is None]

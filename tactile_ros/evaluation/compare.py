@@ -16,12 +16,13 @@ from scipy.special import ndtr, stdtrit
 
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.figures import NAMES, Figure, Plot, rounded, span_of
-from tactile_ros.evaluation.metrics import class_errors, place_groups, target_errors
+from tactile_ros.evaluation.metrics import class_errors, target_errors
 from tactile_ros.evaluation.recording_files import LoadedRecording
 from tactile_ros.evaluation.replay import gathered, replay, with_known_rests, with_tare_rows
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.types import STATE_FIELDS, Array, ContactStates, Integers, Recording, groups_of
 from tactile_ros.types.contracts import Cell
+from tactile_ros.types.recording import places_of
 
 RESAMPLES = 9999
 MOST_EXACT = 13  # groups, of which every swap is tried
@@ -291,8 +292,8 @@ def held_out(
 def _folds(recording: Recording) -> Integers:
     groups = np.asarray(groups_of(recording)['group'], np.int64)
     if 'position' in recording.truth:
-        plane = np.asarray(recording.truth['position'], np.float64)[:, :2]
-        groups = place_groups(plane, groups)
+        places = places_of(np.asarray(recording.truth['position'], np.float64)[:, :2])
+        groups = groups if places is None else places
     rank = np.unique(groups, return_inverse=True)[1].reshape(-1)
     return np.where(groups < 0, -1, rank % FOLDS)
 

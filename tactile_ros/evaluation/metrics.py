@@ -12,13 +12,11 @@ import numpy.typing as npt
 from scipy.special import bdtr
 
 from tactile_ros.types import Array, Bools, Columns, ContactStates, Integers, Recording, groups_of
-from tactile_ros.types.recording import calm_rows, touched_rows
+from tactile_ros.types.recording import calm_rows, places_of, touched_rows
 
 ONE_SIGMA = 0.6826894921370859
 WITHIN = {1: ONE_SIGMA, 2: 0.9544997361036416}
 TOLERANCE = 0.05  # of a coverage
-PLACE = 1e-5  # m, to which places are the same
-MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
 MOST_AHEAD = 0.01  # of contacts that may be heard before the stamps of their frames
 CLASSES = ('cell', 'label', 'in_contact', 'slip')
 ROWS = ('truth', 'estimate', 'error', 'variance', 'rows', 'time_s', 'since_s', 'groups')
@@ -315,7 +313,8 @@ def target_errors(recording: Recording, states: ContactStates) -> tuple[TargetEr
         rows = np.flatnonzero(np.isfinite(stated).all(axis=1))
         if not len(rows):
             continue
-        groups = place_groups(stated, others) if name == 'position' else others
+        places = places_of(stated) if name == 'position' else None
+        groups = others if places is None else places
         estimate = getattr(states, key)[rows][:, axes]
         variance = np.diagonal(getattr(states, f'{key}_cov')[rows], axis1=1, axis2=2)[:, axes]
         usable, there = states.valid[rows], np.isfinite(estimate).all(axis=1)
@@ -345,20 +344,6 @@ def tare_age(recording: Recording) -> Array:
     last = np.maximum.accumulate(np.where(recording.tare, row, -1))
     begin = np.maximum.accumulate(np.where(recording.restarts, row, 0))
     return np.where(last >= begin, time_s - time_s[last], np.nan)
-
-
-def place_groups(plane: Array, otherwise: Integers) -> Integers:
-    """Number of the touched place where places (s, 2) repeat, else other groups; shape (s,)."""
-    rows = np.flatnonzero(np.isfinite(plane).all(axis=1))
-    if not len(rows):
-        return otherwise
-    _, place = np.unique(np.round(plane[rows] / PLACE), axis=0, return_inverse=True)
-    place = np.asarray(place).reshape(-1)
-    if place.max() + 1 > MOST_SINGLE * len(rows):
-        return otherwise
-    groups = np.full(len(plane), -1, np.int64)
-    groups[rows] = place
-    return groups
 
 
 def unjudged(name: str, counts: Mapping[str, int], given: Sequence[str]) -> tuple[str, ...]:

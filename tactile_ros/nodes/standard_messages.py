@@ -223,7 +223,8 @@ class FrameViews:
         """Publish a frame's views where somebody listens."""
         heard = {t: p for t, p in self._publishers.items() if p.get_subscription_count()}
         if heard and self._chips:
-            header, field = header_of(frame.stamp_ns, frame_id), self.sensor_axes(frame.values)
+            header = header_of(frame.stamp_ns, frame_id)
+            field = self._layout.in_sensor_axes(frame.values)
         for topic, publisher in heard.items():
             if topic == IMAGE_TOPIC:
                 message = image_of(frame, self._grid, frame_id)
@@ -231,11 +232,6 @@ class FrameViews:
                 message = MagneticField(header=header, magnetic_field_covariance=np.zeros(9))
                 messages.fill_vector(message.magnetic_field, field[self._chips[topic]])
             publisher.publish(message)
-
-    def sensor_axes(self, values: Array) -> Array:
-        """Readings (t, 3) of chips turned from their own axes to the sensor's."""
-        turns = self._layout.rotations
-        return values if turns is None else np.einsum('tij,tj->ti', turns, values)
 
 
 def image_of(frame: Frame, grid: Grid, frame_id: str) -> Image:

@@ -11,6 +11,7 @@ from scipy import stats
 
 from tactile_ros.evaluation import metrics
 from tactile_ros.types import ContactStates, Layout, Recording
+from tactile_ros.types.recording import places_of
 
 
 def test_rows_of_a_confusion_are_true_cells() -> None:
@@ -129,10 +130,11 @@ def test_errors_of_position_and_force_against_plain_loops() -> None:
 
 def test_places_that_do_not_repeat_give_way_to_other_groups() -> None:
     plane = np.array([[0.0, 0.0], [0.0, 1e-6], [1e-3, 0.0], [1e-3, 0.0], [np.nan, 0.0]])
-    otherwise = np.arange(5)
-    assert metrics.place_groups(plane, otherwise).tolist() == [0, 0, 1, 1, -1]
-    lone = np.column_stack([np.arange(5.0), np.zeros(5)])
-    assert metrics.place_groups(lone, otherwise) is otherwise
+    places = places_of(plane)
+    assert places is not None
+    assert places.tolist() == [0, 0, 1, 1, -1]
+    for lone in (np.column_stack([np.arange(5.0), np.zeros(5)]), np.full((5, 2), np.nan)):
+        assert places_of(lone) is None
 
 
 def test_dropped_frames_are_gaps_inside_streams() -> None:

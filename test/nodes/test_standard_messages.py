@@ -128,9 +128,9 @@ def test_fields_are_turned_into_the_axes_of_the_sensor() -> None:
     node = SimpleNamespace(
         create_publisher=lambda _, name, __: made.append(name), count_subscribers=lambda _: 0
     )
-    views = FrameViews(node, layout, magnetic_field=True, image=True)  # type: ignore[arg-type]
+    FrameViews(node, layout, magnetic_field=True, image=True)  # type: ignore[arg-type]
     assert made == ['magnetic_field/chip_0', 'magnetic_field/chip_1']
-    got = views.sensor_axes(np.array([[1.0, 2.0, 3.0], [1.0, 2.0, 3.0]]))
+    got = layout.in_sensor_axes(np.array([[1.0, 2.0, 3.0], [1.0, 2.0, 3.0]]))
     np.testing.assert_allclose(got, [[1, 2, 3], [-2, 1, 3]])
     FrameViews(node, Layout(np.zeros((2, 3)), ('Bx', 'Bz'), 'T'), True, True)  # type: ignore[arg-type]
     assert len(made) == 2
