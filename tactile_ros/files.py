@@ -6,7 +6,6 @@ from __future__ import annotations
 import os
 import shutil
 import stat
-import sys
 import tempfile
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -27,15 +26,6 @@ UNFINISHED: set[str] = set()  # files under way, removed where a program is inte
 LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # the same in C, where it was built
 MOST_YAML_BYTES, MOST_YAML_NODES = 1_000_000, 100_000
 MOST_YAML_DEPTH = 100  # of lists in lists; thousands would end the parser, and Python with it
-
-
-def shared_folder(name: str) -> Path | None:
-    """Folder of that name beside the sources, else in the share of an installation; None: none."""
-    package = Path(__file__).resolve().parent
-    prefixes = [*package.parents, *os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)]
-    shares = [Path(p, 'share', 'tactile_ros') for p in (*filter(None, prefixes), sys.prefix)]
-    places = [place / name for place in (package.parent, *shares)]
-    return next((place for place in places if place.is_dir()), None)
 
 
 def write_atomically(path: str | os.PathLike[str], data: bytes) -> Path:

@@ -24,9 +24,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import ModuleType
 
+import tactile_ros
 from tactile_ros.cli.console import add_overwrite, refuse_unwritable, show
 from tactile_ros.errors import MissingPackageError
-from tactile_ros.files import shared_folder
 
 LONGEST = (  # which begin
     'devices', 'grasp', 'hands', 'gradiometer', 'taxel_array', 'magnet_pad', 'reskin',
@@ -38,9 +38,17 @@ DOMAINS = 102  # whose ports no other program of a Linux machine is given
 ALONE = 'import sys; from tactile_ros.cli.main import main; sys.exit(main(sys.argv[1:]))'
 
 
+def folder() -> Path | None:
+    """Folder of the benches: beside the sources, or in the share folder of an installation."""
+    package = Path(tactile_ros.__file__).resolve().parent
+    installed = [p / 'share' / 'tactile_ros' / 'benchmarks' for p in package.parents]
+    places = (package.parent / 'benchmarks', *installed)
+    return next((place for place in places if place.is_dir()), None)
+
+
 def names() -> list[str]:
     """Names of all benches; none where they are not installed."""
-    place = shared_folder('benchmarks')
+    place = folder()
     return [] if place is None else sorted(path.stem for path in place.glob('[!_]*.py'))
 
 
@@ -62,7 +70,7 @@ def load(name: str, needed_by: str) -> ModuleType:
 
     Raises MissingPackageError if the benches, or a package that they import, are not installed.
     """
-    place = shared_folder('benchmarks')
+    place = folder()
     if place is None:
         msg = f'the benches are not installed; run {needed_by} from a clone of the sources'
         raise MissingPackageError(msg)
@@ -77,7 +85,7 @@ def load(name: str, needed_by: str) -> ModuleType:
 
 def load_bench(name: str) -> ModuleType:
     """Module of a bench."""
-    if shared_folder('benchmarks') and name not in names():
+    if folder() and name not in names():
         raise ValueError(f'bench must be all or one of {", ".join(names())}; received {name!r}')
     return load(name, f'`tactile bench {name}`')
 

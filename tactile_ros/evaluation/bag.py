@@ -13,6 +13,7 @@ import os
 import re
 import sqlite3
 import struct
+import sys
 import zlib
 from array import array
 from collections import Counter
@@ -32,7 +33,6 @@ import yaml
 from tactile_ros import __version__
 from tactile_ros.conditioning.baseline import tare_means, tare_runs
 from tactile_ros.errors import MissingPackageError, RecordingError
-from tactile_ros.files import shared_folder
 from tactile_ros.messages import fill_baseline, fill_contacts, fill_frame, fill_header, fill_layout
 from tactile_ros.types import STATE_FIELDS, Closing, ContactState, Frame, Recording
 
@@ -79,9 +79,14 @@ def load_package(name: str, purpose: str) -> ModuleType:
 
 def message_folder() -> Path:
     """Find the .msg files beside the source, else in the share of an installation."""
-    place = shared_folder('msg')
-    if place is not None:
-        return place
+    above = Path(__file__).resolve().parents
+    prefixes = [*above[2:8]]
+    prefixes += [Path(p) for p in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if p]
+    places = [folder / 'msg' for folder in above[2:3]]
+    places += [prefix / 'share' / PACKAGE / 'msg' for prefix in (*prefixes, Path(sys.prefix))]
+    for place in places:
+        if (place / 'TactileFrame.msg').is_file():
+            return place
     msg = 'the message definitions of tactile_ros (TactileFrame.msg) were not found; reinstall it'
     raise RecordingError(msg)
 

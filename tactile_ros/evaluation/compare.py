@@ -20,9 +20,9 @@ from tactile_ros.evaluation.metrics import class_errors, target_errors
 from tactile_ros.evaluation.recording_files import LoadedRecording
 from tactile_ros.evaluation.replay import gathered, replay, with_known_rests, with_tare_rows
 from tactile_ros.pipeline import Pipeline
+from tactile_ros.sensors.regression import places_of
 from tactile_ros.types import STATE_FIELDS, Array, ContactStates, Integers, Recording, groups_of
 from tactile_ros.types.contracts import Cell
-from tactile_ros.types.recording import places_of
 
 RESAMPLES = 9999
 MOST_EXACT = 13  # groups, of which every swap is tried

@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import bdtr
 
+from tactile_ros.sensors.regression import places_of
 from tactile_ros.types import Array, Bools, Columns, ContactStates, Integers, Recording, groups_of
-from tactile_ros.types.recording import calm_rows, places_of, touched_rows
+from tactile_ros.types.recording import calm_rows, touched_rows
 
 ONE_SIGMA = 0.6826894921370859
 WITHIN = {1: ONE_SIGMA, 2: 0.9544997361036416}

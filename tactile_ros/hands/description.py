@@ -12,7 +12,7 @@ from typing import TypeVar, cast
 import numpy as np
 
 from tactile_ros.control import GripConfig
-from tactile_ros.files import read_yaml, shared_folder
+from tactile_ros.files import read_yaml
 from tactile_ros.hands.drivers import HandDriver, in_order, load_driver
 from tactile_ros.types import Array, Integers, JointLimits, admit_name
 from tactile_ros.types.config_fields import admit, array, number, text_of, texts, whole
@@ -342,9 +342,17 @@ def narrowed(described: JointLimits, asked: JointLimits, shipped: JointLimits) -
     return replace(described, lower=lower, upper=upper)
 
 
+def folder() -> Path | None:
+    """Folder of the shipped hands: beside the sources, or in the share of an installation."""
+    package = Path(__file__).resolve().parents[1]
+    installed = [p / 'share' / 'tactile_ros' / 'config' for p in package.parents]
+    places = [place / 'hands' for place in (package.parent / 'config', *installed)]
+    return next((place for place in places if place.is_dir()), None)
+
+
 def list_hands() -> list[str]:
     """Names of the hands that the package describes."""
-    place = shared_folder('config/hands')
+    place = folder()
     return [] if place is None else sorted(path.stem for path in place.glob('*.yaml'))
 
 
@@ -353,7 +361,7 @@ def load_hand(name: str) -> HandDescription:
 
     ValueError with one sentence that names the file and what it must hold.
     """
-    place, path = shared_folder('config/hands'), Path(name)
+    place, path = folder(), Path(name)
     if path.suffix != '.yaml':
         if name not in list_hands() or place is None:
             msg = f'hand must be one of {", ".join(list_hands())}, or a .yaml; received {name!r}'

@@ -29,6 +29,7 @@ from tactile_ros.types import (
     Layout,
     Recording,
 )
+from tactile_ros.view.viewer import in_sensor_axes
 
 LISTENERS_NS = 9_000_000  # of the stream, within which nobody is asked again whether he listens
 FIELD_TOPIC = 'magnetic_field/chip_{}'  # no part of a topic's name may begin with a digit
@@ -224,7 +225,7 @@ class FrameViews:
         heard = {t: p for t, p in self._publishers.items() if p.get_subscription_count()}
         if heard and self._chips:
             header = header_of(frame.stamp_ns, frame_id)
-            field = self._layout.in_sensor_axes(frame.values)
+            field = in_sensor_axes(self._layout, frame.values)
         for topic, publisher in heard.items():
             if topic == IMAGE_TOPIC:
                 message = image_of(frame, self._grid, frame_id)

@@ -33,7 +33,7 @@ from tactile_ros.estimators.regression import (
 from tactile_ros.estimators.slip_detector import FEWEST, SlipDetector
 from tactile_ros.types.contracts import Estimation, Estimator, Report, Signals
 from tactile_ros.types.frame import Array, Bools, Columns, FrameStatus, Integers, SensorConfig
-from tactile_ros.types.recording import CALM, places_of
+from tactile_ros.types.recording import CALM
 
 Scalar = TypeVar('Scalar', bound=np.generic)
 
@@ -49,6 +49,8 @@ PAST_WEIGHT = 3.0  # relaxation and the set of the skin are small parts of the c
 STATE_WEIGHT = 3.0  # of a distance
 USUAL_GAIN = 0.025  # standard deviation of the gain between runs before any was recorded
 RATIOS = np.array([0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0])
+PLACE = 1e-5  # m, to which places are the same
+MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
 ROUNDING = 1e-9  # of the largest reading: what moves less is a constant
 BLOCK = 1024  # rows whose history stays in the cache
 STORED, SAME = 13, 1e-9  # features of a touch; of the largest of them
@@ -597,6 +599,17 @@ def scatter_rows(column: npt.NDArray[Scalar], rows: Integers, count: int) -> npt
     wide = np.full((count, *column.shape[1:]), blank, column.dtype)
     wide[rows] = column
     return wide
+
+
+def places_of(plane: Array) -> Integers | None:
+    """Number (s,) of the touched place of each row (s, d) (m), -1: unknown; None: none repeats."""
+    rows = np.isfinite(plane).all(axis=1)
+    place = np.unique(np.round(plane[rows] / PLACE), axis=0, return_inverse=True)[1].reshape(-1)
+    if place.max(initial=0) + 1 > MOST_SINGLE * len(place):
+        return None
+    groups = np.full(len(plane), -1, np.int64)
+    groups[rows] = place
+    return groups
 
 
 CLASSES = (

@@ -192,11 +192,6 @@ class Layout:
         """Taxels and channels of one frame (t, c)."""
         return len(self.positions), len(self.channels)
 
-    def in_sensor_axes(self, values: Array) -> Array:
-        """Readings (t, 3) of chips turned from their own axes to the sensor's."""
-        turns = self.rotations
-        return values if turns is None else np.einsum('tij,tj->ti', turns, values)
-
 
 @dataclass(frozen=True)
 class Frame:

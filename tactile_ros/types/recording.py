@@ -18,8 +18,6 @@ TRUTH_KEYS = (
 )  # fmt: skip
 TURN_ERROR = 1e-3  # poses are written with four digits, too
 BLOCKS = 10
-PLACE = 1e-5  # m, to which places are the same
-MOST_SINGLE = 0.9  # places per touch above which touches, not places, are what repeats
 FIRM = 0.02  # of the largest force: above the drift of a load cell
 CALM = 1.5e-3  # of the largest force: less is nothing
 
@@ -313,17 +311,6 @@ def _force_sizes(recording: Recording) -> Array:
 def _untared(recording: Recording, rows: Bools) -> Bools:
     """Those of some rows (s,) that are no tare."""
     return rows if recording.tare is None else rows & ~recording.tare
-
-
-def places_of(plane: Array) -> Integers | None:
-    """Number (s,) of the touched place of each row (s, d) (m), -1: unknown; None: none repeats."""
-    rows = np.isfinite(plane).all(axis=1)
-    place = np.unique(np.round(plane[rows] / PLACE), axis=0, return_inverse=True)[1].reshape(-1)
-    if place.max(initial=0) + 1 > MOST_SINGLE * len(place):
-        return None
-    groups = np.full(len(plane), -1, np.int64)
-    groups[rows] = place
-    return groups
 
 
 def groups_of(recording: Recording) -> Columns:

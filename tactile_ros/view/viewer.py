@@ -50,6 +50,12 @@ def shade(change: Array, most: float) -> Array:
     return np.where(np.isnan(share), GREY[:3], COLD + share * (WARM - COLD))
 
 
+def in_sensor_axes(layout: Layout, change: Array) -> Array:
+    """Change (t, 3) of chips turned from their own axes to the sensor's."""
+    turns = layout.rotations
+    return change if turns is None else np.einsum('tij,tj->ti', turns, change)
+
+
 class Scene:
     """Taxels, contacts and forces of one frame in the axes of its sensor, as Foxglove takes them.
 
@@ -123,7 +129,7 @@ class Scene:
             self._ball(place, np.full(3, 0.175 * pitch), (*shades, 0.9))
         if layout.unit == 'T' and len(layout.channels) == 3:
             length = ARROW * max(float(np.ptp(layout.positions, axis=0).max()), 2 * pitch) / most
-            turned = layout.in_sensor_axes(change)
+            turned = in_sensor_axes(layout, change)
             for i in np.flatnonzero(np.isfinite(turned).all(axis=1)):
                 self._arrow(layout.positions[i], turned[i] * length, GREY)
 

@@ -16,7 +16,7 @@ from tactile_ros.cli.main import main
 def test_without_benches_the_other_commands_work(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr('tactile_ros.cli.bench.shared_folder', lambda _: None)
+    monkeypatch.setattr('tactile_ros.cli.bench.folder', lambda: None)
     assert main(['list']) == 0
     capsys.readouterr()
     for words in (['bench', 'all'], ['demo', 'grasp']):

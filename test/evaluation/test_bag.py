@@ -22,7 +22,6 @@ from rosbags.typesys import Stores, get_typestore
 
 from reference import made_bags as make
 from reference.made_bags import read_all
-from tactile_ros import files
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import bag as bags
 from tactile_ros.evaluation.bag import BagWriter, message_folder, records, schema_text, type_hash
@@ -281,10 +280,10 @@ def test_definitions_are_found_in_the_share_of_an_installation(
     share = tmp_path / 'share' / 'tactile_ros' / 'msg'
     share.mkdir(parents=True)
     (share / 'TactileFrame.msg').write_text('uint64 sequence\n')
-    room = tmp_path / 'lib' / 'python3.12' / 'site-packages' / 'tactile_ros'
-    monkeypatch.setattr(files, '__file__', str(room / 'files.py'))
+    room = tmp_path / 'lib' / 'python3.12' / 'site-packages' / 'tactile_ros' / 'evaluation'
+    monkeypatch.setattr(bags, '__file__', str(room / 'bag.py'))
     assert message_folder() == share
-    monkeypatch.setattr(files, '__file__', '/nowhere/a/b/files.py')
+    monkeypatch.setattr(bags, '__file__', '/nowhere/a/b/bag.py')
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
     assert message_folder() == share
     monkeypatch.delenv('AMENT_PREFIX_PATH')

@@ -10,8 +10,8 @@ import pytest
 from scipy import stats
 
 from tactile_ros.evaluation import metrics
+from tactile_ros.sensors.regression import places_of
 from tactile_ros.types import ContactStates, Layout, Recording
-from tactile_ros.types.recording import places_of
 
 
 def test_rows_of_a_confusion_are_true_cells() -> None:

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_ros.hands import Finger, list_hands, load_hand
-from tactile_ros.hands.description import MOST_BYTES, narrowed, parse
+from tactile_ros.hands.description import MOST_BYTES, folder, narrowed, parse
 from tactile_ros.types import JointLimits
 
 FINGER = Finger(
@@ -224,7 +224,7 @@ def test_load_hand_lists_the_hands() -> None:
         load_hand('../config/hands/allegro_v4')
     with pytest.raises(ValueError, match='cannot be read'):
         load_hand('/nowhere/hand.yaml')
-    assert list_hands()
+    assert folder() is not None
 
 
 @pytest.mark.parametrize('name', ['allegro_v5', 'allegro_v5_pinch'])

@@ -31,7 +31,7 @@ from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.sensors.magnet_pad.inversion import SIGMAS, TABLE, PadInversion
 from tactile_ros.sensors.regression import CLASSES as REGRESSION_CLASSES
 from tactile_ros.sensors.regression import ESTIMATORS as REGRESSORS
-from tactile_ros.sensors.regression import Regression, scatter_rows
+from tactile_ros.sensors.regression import Regression, places_of, scatter_rows
 from tactile_ros.types import (
     Array,
     Bools,
@@ -43,7 +43,6 @@ from tactile_ros.types import (
     Signals,
     plausible_temperature,
 )
-from tactile_ros.types.recording import places_of
 
 NOMINAL = 'nominal'
 ESTIMATORS = (*REGRESSORS, TABLE, NOMINAL)
