@@ -604,12 +604,10 @@ def scatter_rows(column: npt.NDArray[Scalar], rows: Integers, count: int) -> npt
 def places_of(plane: Array) -> Integers | None:
     """Number (s,) of the touched place of each row (s, d) (m), -1: unknown; None: none repeats."""
     rows = np.isfinite(plane).all(axis=1)
-    place = np.unique(np.round(plane[rows] / PLACE), axis=0, return_inverse=True)[1].reshape(-1)
-    if place.max(initial=0) + 1 > MOST_SINGLE * len(place):
-        return None
-    groups = np.full(len(plane), -1, np.int64)
-    groups[rows] = place
-    return groups
+    rounded, groups = np.round(plane[rows] / PLACE), np.full(len(plane), -1, np.int64)
+    groups[rows] = np.unique(rounded, axis=0, return_inverse=True)[1].reshape(-1)
+    repeat = 0 < groups.max(initial=-1) + 1 <= MOST_SINGLE * len(rounded)
+    return groups if repeat else None
 
 
 CLASSES = (
