@@ -191,7 +191,7 @@ class Trials:
         self.ours.tare([Frame(i, i, row) for i, row in enumerate(tare)])
         recogniser = self.ours.estimation.recogniser_
         change = (window - tare.mean(axis=0)).reshape(len(window), -1)
-        presses = press_patterns([change], recogniser.basis)
+        presses = press_patterns([change], len(recogniser.noise))
 
         def frames() -> Array:
             self.ours.reset()
@@ -203,7 +203,7 @@ class Trials:
 
         fast = 'numba' if compiled.AVAILABLE else 'arrays alone'
         before, last = np.min([frames() for _ in range(AGAIN)], axis=0)
-        search = shortest(lambda: recogniser.search.find(presses), AGAIN)
+        search = shortest(lambda: recogniser.matches(presses), AGAIN)
         return [
             Row(f'{what} ({fast})', 'us', 1e6 * took, aim=aim, us_single=1e6 * took)
             for what, took, aim in (

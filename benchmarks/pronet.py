@@ -144,13 +144,12 @@ class Tasks:
         """Labels of asked presses by known ones."""
         ours = self.ours
         lessons, presses = (
-            press_patterns(list(samples.windows[rows].astype(float)), ours.basis)
+            press_patterns(list(samples.windows[rows].astype(float)), len(ours.noise))
             for rows in (known, asked)
         )
         supports = ours.supports(lessons, samples.label[known], known)
-        means = supports.averaged(ours.basis, ours.noise, ours.still_)
-        score = support_scores(means, presses, ours.noise, ours.common, ours.still_)
-        return np.asarray(means.label[score.argmin(axis=1)])
+        score = support_scores(supports, presses, ours.noise, ours.common, ours.still_)
+        return np.asarray(supports.label[score.argmin(axis=1)])
 
 
 def by_place(places: Integers, right: Array) -> tuple[float, ...]:

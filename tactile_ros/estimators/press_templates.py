@@ -1,5 +1,10 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Templates of presses of known heads, in place, turn and depth, and descents among them."""
+"""Which head pressed, where, how turned and how deep: templates first, then least squares.
+
+A press is compared with templates of unit length, after what a uniform field could have added is
+taken out of both. The likeliest places are found by what all heads have in common there; then
+the best nodes of each head are refined, and misfits decide.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +15,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import fft
 
+from tactile_ros.estimators.few_shot import Rows, without_field
 from tactile_ros.estimators.model_inversion import _factor, _substitute
 from tactile_ros.physics.compiled import compiled
 from tactile_ros.physics.coverage import symmetry
-from tactile_ros.physics.elastomer import PunchDents
 from tactile_ros.physics.magnet_sheet import moved_dipole_series, powers
 
 if TYPE_CHECKING:
@@ -21,7 +26,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from tactile_ros.physics.magnet_sheet import Sheet
+    from tactile_ros.estimators.sheet_calibration import SkinModel
     from tactile_ros.types import Array, Integers, Outline
 
     Singles = npt.NDArray[np.float32]
@@ -38,6 +43,13 @@ CLOSE = 0.5  # of a misfit, which one step may leave to its straight line
 BEHIND = 0.1  # of how far a head is behind
 SHRUNK = 0.3  # of a step that led nowhere
 DAMPING, TINY = 1e-4, 1e-30
+LONGEST = np.array([2e-3, 2e-3, 0.35])  # m, m, rad: steps
+RATIO = (0.4, 2.5)  # of depths from step to step
+USUAL = 0.12  # of the body: depth of the templates that are searched
+RANK = 6  # patterns that heads have in common at a place
+PLACES = 20  # looked at closely
+STARTS = 2  # of each head
+DEEPEST, SHALLOWEST = 0.5, 0.005  # of the body
 
 
 @dataclass
@@ -56,19 +68,19 @@ class Head:
         return 2 * np.pi / max(self.order, 1)
 
 
-class PressBank:
-    """Templates of heads on one sheet in a body.
+@dataclass(frozen=True)
+class Matches(Rows):
+    """The best press of every head, for each of n presses."""
 
-    Parameters
-    ----------
-    sheet, dents : Sheet and PunchDents
-        At rest; of the body.
-    chips, responses : ndarray, shape (t, 3) and (t, 3, 3)
-        Hall elements (m); field in sensor axes -> readings of a chip.
-    turning : float
-        Share of the body's turns that dipoles follow.
-    outlines : sequence of Outline
-        Heads; a label is an index into them.
+    cost: Array  # (n, heads) squared misfit over its variance
+    pose: Array  # (n, heads, 4) place (m), turn (rad) and depth (m)
+    cov: Array  # (n, heads, 4, 4) of the pose, as noise and error of the model have it
+    slopes: Array  # (n, heads, 4, d) change of the pattern with the pose
+    fitted: Array  # (n, heads, d) pattern of the best press
+
+
+class PressBank:
+    """Templates of heads on one skin; a label is an index into `outlines`.
 
     Attributes
     ----------
@@ -76,26 +88,85 @@ class PressBank:
         Spline coefficients for the powers 1 to 3 of the depth (T / m, T / m2, T / m3).
     """
 
-    def __init__(
-        self, sheet: Sheet, dents: PunchDents, chips: Array, responses: Array, turning: float,
-        outlines: Sequence[Outline],
-    ) -> None:  # fmt: skip
-        self.sheet, self.dents, self.turning = sheet, dents, turning
+    def __init__(self, model: SkinModel, outlines: Sequence[Outline]) -> None:
+        self.sheet, self.dents, self.turning = model.sheet, model.dents, model.turning
+        self.common, self.body = model.common, model.body
         self.heads: list[Head] = []
         rows = 0
         for outline in outlines:
-            points, loads = dents.loads(outline)
+            points, loads = self.dents.loads(outline)
             order = symmetry(outline)
             radius = float(np.linalg.norm(np.concatenate(outline.loops), axis=1).max())
             wanted = 2 * np.pi / max(order, 1) * radius / RIM
             turns = 1 if order == 0 else int(np.clip(np.ceil(wanted), *TURNS))
             self.heads.append(Head(order, points, loads, turns, rows))
             rows += turns
-        self.step = dents.pitch * np.array(COARSE)
+        self.sectors = np.array([head.sector for head in self.heads])
+        self.orders = np.array([head.order for head in self.heads])
+        self.step = self.dents.pitch * np.array(COARSE)
         self.half = np.array(
-            [int(REACH * len(line)) // c for line, c in zip(sheet.lines, COARSE, strict=True)]
+            [int(REACH * len(line)) // c for line, c in zip(self.sheet.lines, COARSE, strict=True)]
         )
-        self.table = self._table(chips, responses)
+        self.table = self._table(model.chips, model.responses)
+        self._index()
+
+    def _index(self) -> None:
+        """Make unit templates of a usual depth, and what all have in common at each place."""
+        self.basis = np.linalg.qr(self.common)[0]
+        self.limit = np.array([*LONGEST, *RATIO, SHALLOWEST * self.body, DEEPEST * self.body])
+        nodes, usual = self.at_nodes(), USUAL * self.body
+        found = nodes[..., 0, :] + usual * nodes[..., 1, :] + usual**2 * nodes[..., 2, :]
+        found = without_field(found, self.basis.astype(np.float32))
+        found /= np.linalg.norm(found, axis=-1, keepdims=True) + np.float32(TINY)
+        turns, nx, ny, d = found.shape
+        self.units = np.ascontiguousarray(np.moveaxis(found, 0, 2).reshape(nx * ny, turns, d))
+        gram = np.matmul(np.swapaxes(self.units, 1, 2), self.units)
+        spans = np.linalg.eigh(gram)[1][..., -min(RANK, turns) :]
+        self.spans = np.ascontiguousarray(np.moveaxis(spans, 2, 0)).reshape(-1, d)
+        self.places = np.stack(np.meshgrid(*self.nodes, indexing='ij'), axis=-1).reshape(-1, 2)
+
+    def find(self, patterns: Array, variance: Array) -> Matches:
+        """The best press of every head, from patterns and their variance, both (n, d)."""
+        (n, d), heads = patterns.shape, len(self.heads)
+        weight = 1 / np.sqrt(variance)
+        span = np.swapaxes(np.linalg.qr(weight[..., None] * self.common)[0], 1, 2)
+        span = np.ascontiguousarray(span)
+        wanted = patterns * weight
+        wanted -= np.einsum('ni,nki,nkd->nd', wanted, span, span)
+        pose, cost = np.empty((n, heads, 4)), np.empty((n, heads))
+        normal, plain = np.empty((n, heads, 4, 4)), np.empty((n, heads, 5, d))
+        starts, each = np.repeat(np.arange(heads), STARTS), STARTS * np.arange(heads)
+        all_cost, all_normal = np.empty(len(starts)), np.empty((len(starts), 4, 4))
+        all_plain = np.empty((len(starts), 5, d))
+        # one by one, so that a press has the same starts alone and among others
+        for i, pattern in enumerate(patterns):
+            start = self._starts(pattern - self.basis @ (pattern @ self.basis))
+            descend_rows(
+                self.flat, self.grid, self.about, starts, self.limit, weight[i], span[i],
+                wanted[i], start, all_cost, all_normal, all_plain,
+            )  # fmt: skip
+            best = all_cost.reshape(-1, STARTS).argmin(axis=1) + each
+            pose[i], cost[i] = start[best], all_cost[best]
+            normal[i], plain[i] = all_normal[best], all_plain[best]
+        unit = np.sqrt(np.diagonal(normal, axis1=2, axis2=3)) + TINY
+        size = unit[..., None] * unit[..., None, :]
+        cov = np.linalg.inv(normal / size + DAMPING * np.eye(4)) / size
+        return Matches(cost, pose, cov, plain[:, :, 1:], plain[:, :, 0])
+
+    def _starts(self, own: Array) -> Array:
+        """Poses (s, 4) at which descents of one press (d,) start, head by head."""
+        own = (own / (np.sqrt(own @ own) + TINY)).astype(np.float32)
+        seen = np.square(self.spans @ own).reshape(-1, len(self.places)).sum(axis=0)
+        near = np.argsort(-seen)[:PLACES]
+        score = -(self.units[near] @ own)
+        pose = np.full((len(self.heads), STARTS, 4), USUAL * self.body)
+        for i, head in enumerate(self.heads):
+            part = score[:, head.first : head.first + head.turns]
+            # of unlike turns: two that are neighbours often lead to one minimum
+            turn = np.resize(np.argsort(part.min(axis=0))[:STARTS], STARTS)
+            pose[i, :, :2] = self.places[near[part.argmin(axis=0)[turn]]]
+            pose[i, :, 2] = turn * head.sector / head.turns
+        return pose.reshape(-1, 4)
 
     @property
     def nodes(self) -> tuple[Array, Array]:

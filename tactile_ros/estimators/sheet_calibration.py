@@ -172,12 +172,8 @@ class SheetCalibration:
         self.theta, self.model = np.zeros_like(self.theta), self.drawn
         return False
 
-    def fit_presses(
-        self, rest: Array | None, presses: Sequence[LabelledPress], turning: float
-    ) -> None:
+    def fit_presses(self, rest: Array | None, presses: Sequence[LabelledPress]) -> None:
         """Fit labelled presses together with resting readings (t, 3), or without."""
-        self.drawn = replace(self.drawn, turning=turning)
-        self.model = self._model(self.theta)
         self._poses = [self._first_state(press) for press in presses]
         self._iterate(rest, presses, PRESS_ROUNDS)
 
@@ -221,7 +217,7 @@ class SheetCalibration:
             slopes = slopes - (slopes @ free) @ free.T
             variance = np.einsum('pd,pq,qd->d', slopes, covariance, slopes)
             shares.append(variance.sum() / share_of(residual, 1.0).sum())
-        return float(np.sqrt(np.median(shares) + self.error**2))
+        return float(np.clip(np.sqrt(np.median(shares) + self.error**2), *ERRORS))
 
     def _first_state(self, press: LabelledPress) -> Array:
         """State of a press at its labels, at the depth that fits."""

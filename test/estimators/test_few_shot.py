@@ -9,13 +9,13 @@ import pytest
 from tactile_ros.estimators import few_shot
 from tactile_ros.estimators.few_shot import (
     Presses,
+    Prototypes,
     SupportSet,
-    one_shot_shares,
     press_pattern,
+    prototype_scores,
     support_scores,
 )
 from tactile_ros.estimators.press_templates import template_rows
-from tactile_ros.estimators.prototypes import Prototypes
 
 D = 24
 NOISE = np.full(D, 3e-6)
@@ -33,32 +33,16 @@ def drawn(count: int) -> np.ndarray:
 def supports(patterns: np.ndarray, labels: list[int] | np.ndarray) -> SupportSet:
     n = len(patterns)
     return SupportSet(
-        patterns, np.full(n, 5.0), np.array(labels), np.arange(n), np.ones(n),
-        np.zeros((n, 4, D)),
+        patterns, np.full(n, 5.0), np.array(labels), np.arange(n), np.zeros((n, 4, D))
     )  # fmt: skip
 
 
-def test_speed_of_a_press_does_not_change_its_pattern() -> None:
-    parts = drawn(2) * [[1.0], [0.2]]
-    for rise in (3, 9):
-        course = np.clip(np.arange(1, 11) / rise, 0, 1)
-        window = course[:, None] * parts[0] + course[:, None] ** 2 * parts[1]
-        pattern, frames = press_pattern(window, BASIS)
-        depth = (course**3).sum() / (course**2).sum()
-        wanted = depth * parts[0] + depth**2 * parts[1]
-        np.testing.assert_allclose(pattern, wanted, atol=0.01 * np.abs(wanted).max())
-        assert 1 <= frames <= 20
-    assert np.isnan(press_pattern(np.full((4, D), np.nan), BASIS)[0]).all()
-
-
-def test_alike_presses_are_one_mean_and_others_stay() -> None:
-    first, other = drawn(2)
-    known = supports(np.array([0.6, 1.0, 0.8])[:, None] * first, [2, 2, 2])
-    found = known.joined(supports(other[None], [2])).averaged(BASIS, NOISE, 0.0)
-    assert found.label.tolist() == [2, 2]
-    np.testing.assert_allclose(found.pattern[0], first, rtol=1e-9)
-    np.testing.assert_allclose(found.pattern[1], other, rtol=1e-12)
-    assert 1 < found.presses[0] <= 3
+def test_a_pattern_is_the_mean_of_the_later_whole_frames() -> None:
+    window = np.outer([0.0, 0.5, np.nan, 1.0, 0.8], np.ones(D))
+    pattern, frames = press_pattern(window)
+    np.testing.assert_allclose(pattern, 0.9)
+    assert frames == 2
+    assert np.isnan(press_pattern(np.full((4, D), np.nan))[0]).all()
 
 
 def test_scores_are_likelihoods_with_their_nuisances() -> None:
@@ -81,33 +65,18 @@ def test_scores_are_likelihoods_with_their_nuisances() -> None:
     assert score[0, 0] == pytest.approx(cost + level, rel=1e-6)
 
 
-def places_and_shapes(kinds: int, presses: int, aside: float) -> SupportSet:
-    """Presses of shapes that differ less than their placement changes them."""
+def test_a_likelihood_that_discounts_placement_names_more_than_unit_vectors() -> None:
+    kinds, count = 6, 12
     base, slope = drawn(1)[0], drawn(1)[0]
-    shapes = base + 0.15 * drawn(kinds)
-    shape, along = np.repeat(np.arange(kinds), presses), aside * RNG.normal(size=kinds * presses)
-    known = supports(shapes[shape] + along[:, None] * slope, shape)
+    shape, aside = np.repeat(np.arange(kinds), count), RNG.normal(size=kinds * count)
+    patterns = (base + 0.15 * drawn(kinds))[shape] + 0.4 * aside[:, None] * slope
     slopes = np.zeros((len(shape), 4, D))
     slopes[:, 0] = slope / 4e-4
-    return replace(known, slopes=slopes)
-
-
-def test_a_likelihood_that_discounts_placement_names_more_than_unit_vectors() -> None:
-    right = one_shot_shares(places_and_shapes(6, 12, 0.4), NOISE, COMMON, 1e-6)
-    assert right['accuracy_whitened'] > right['accuracy_prototypes'] + 0.2
-
-
-def test_a_likelihood_that_names_nothing_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    def lost(some: SupportSet, asked: Presses, *_: object) -> np.ndarray:
-        return np.zeros((len(asked.frames), len(some.label)))
-
-    monkeypatch.setattr(few_shot, 'support_scores', lost)
-    right = one_shot_shares(places_and_shapes(6, 12, 0.1), NOISE, COMMON, 1e-6)
-    assert right['accuracy_prototypes'] > right['accuracy_whitened']
-
-
-def test_presses_of_which_none_repeats_say_nothing() -> None:
-    assert one_shot_shares(supports(drawn(4), [0, 1, 2, 3]), NOISE, COMMON, 1e-6) == {}
+    known = replace(supports(patterns, shape), slopes=slopes)
+    first, others = known.rows(np.arange(0, len(shape), count)), known
+    likely = support_scores(first, others, NOISE, COMMON, 1e-6).argmin(axis=1)
+    nearest = prototype_scores(first, others, BASIS).argmin(axis=1)
+    assert (likely == shape).mean() > (nearest == shape).mean() + 0.2
 
 
 def test_the_nearest_mean_wins_not_the_farthest() -> None:

@@ -54,7 +54,7 @@ class Bench:
         self.expected = self.fit.expected(HEADS)
         self.fit._poses = [self.fit._first_state(one) for one in self.presses]
         self.before = _share(np.array(self.fit._residuals(self.presses)), self.presses)
-        self.fit.fit_presses(self.rest, self.presses, 0.0)
+        self.fit.fit_presses(self.rest, self.presses)
 
 
 @pytest.fixture(scope='module')
@@ -76,7 +76,7 @@ def test_a_turn_without_a_label_is_estimated(bench: Bench) -> None:
     some = [replace(one, pose=one.pose + TURNED, turn_known=False) for one in bench.presses]
     fit = SheetCalibration(DRAWN, NOISE)
     fit.fit_rest(bench.rest)
-    fit.fit_presses(bench.rest, some, 0.0)
+    fit.fit_presses(bench.rest, some)
     off = [state[2] - one.pose[2] for state, one in zip(fit._poses, bench.presses, strict=True)]
     assert np.abs(off).max() < 0.05
 
@@ -95,5 +95,5 @@ def test_kinds_of_parameters_say_how_far_they_usually_are() -> None:
 def test_presses_say_how_far_magnets_turn_with_the_body(turning: float) -> None:
     skin, fit = replace(DRAWN, turning=turning), SheetCalibration(DRAWN, NOISE)
     poses = np.array([[0.0, 0.0, 0.0], [9e-3, -4e-3, 1.0], [-7e-3, 8e-3, 2.0]])
-    fit.fit_presses(skin.rest(), [made(skin, HEADS[0], pose) for pose in poses], 0.0)
+    fit.fit_presses(skin.rest(), [made(skin, HEADS[0], pose) for pose in poses])
     assert fit.model.turning == pytest.approx(turning, abs=0.05)

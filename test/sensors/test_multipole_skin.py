@@ -142,11 +142,11 @@ def test_a_press_below_five_sigma_is_not_named(trial: Trial) -> None:
 
 def test_a_search_is_bounded_and_has_the_same_starts_alone_and_among_others(trial: Trial) -> None:
     # hard case 18: a scale without limits would let any pattern fit
-    search = trial.pipeline.estimation.recogniser_.search  # type: ignore[attr-defined]
+    recogniser = trial.pipeline.estimation.recogniser_  # type: ignore[attr-defined]
     presses = Presses(1e-2 * np.random.default_rng(4).normal(size=(3, 60)), np.full(3, 5.0))
-    whole, alone = search.find(presses), search.find(presses.rows(np.array([1])))
+    whole, alone = recogniser.matches(presses), recogniser.matches(presses.rows(np.array([1])))
     np.testing.assert_array_equal(alone.pose[0], whole.pose[1])
-    depth = whole.pose[..., 3] / search.body
+    depth = whole.pose[..., 3] / recogniser.model.body
     assert depth.min() > 0.0
     assert depth.max() <= 0.5 + 1e-9
     assert whole.cost.min() > 1e3  # and it is no press of any head
@@ -158,9 +158,9 @@ def test_a_warm_up_answers_windows_of_a_stream_too(
     # networks know windows alone, and no frames without times
     met: set[tuple[int, ...]] = set()
 
-    def seen(windows: list[np.ndarray], basis: np.ndarray) -> Presses:
+    def seen(windows: list[np.ndarray], d: int) -> Presses:
         met.update(window.shape for window in windows)
-        return press_patterns(windows, basis)
+        return press_patterns(windows, d)
 
     monkeypatch.setattr(estimation, 'press_patterns', seen)
     trial.pipeline.warm_up()

@@ -2,7 +2,6 @@
 """The multipole skin's specimens and lesson, and the groups of its fit."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,10 +9,11 @@ import pytest
 from benchmarks.worlds import multipole_fidelity
 from reference import multipole_world as world
 from tactile_ros.estimators.few_shot import Presses
+from tactile_ros.estimators.press_templates import PressBank
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.multipole_skin import twin
 from tactile_ros.sensors.multipole_skin.config import nine_heads
-from tactile_ros.sensors.multipole_skin.press_fit import FOLDS, Labels, class_heads, drawn_skin
+from tactile_ros.sensors.multipole_skin.press_fit import FOLDS, Labels, drawn_skin
 from tactile_ros.sensors.multipole_skin.recogniser import Recogniser
 from tactile_ros.sensors.multipole_skin.specimen import NONE, Flaws, Specimen
 from tactile_ros.sensors.multipole_skin.twin import NOISE
@@ -177,30 +177,19 @@ def test_folds_hold_places_presses_or_groups_out_together() -> None:
             assert out.any()
 
 
-def test_class_heads_explain_all_presses_of_a_class() -> None:
-    matches = SimpleNamespace(cost=np.array([[3.0, 4, 9], [8, 2, 9], [5, 6, 1], [1, 5, 2]]))
-    found = class_heads(matches, np.array([4, 4, 7, 7]))  # type: ignore[arg-type]
-    assert found.tolist() == [1, 1, 2, 2]
-
-
 @pytest.fixture(scope='module')
 def recogniser() -> Recogniser:
     drawn = drawn_skin(CONFIG)  # type: ignore[arg-type]
     heads = CONFIG.objects[:2]  # type: ignore[attr-defined]
-    found = Recogniser(drawn, heads, np.full(drawn.chips.size, 1e-6), drawn.common)
-    found.turnings = (1.0,)
-    return found
+    return Recogniser(drawn, heads, np.full(drawn.chips.size, 1e-6), drawn.common)
 
 
 @pytest.mark.parametrize('turning', [0.0, 1.0])
 def test_magnets_may_turn_with_the_body_or_not_where_no_press_told(
     recogniser: Recogniser, turning: float
 ) -> None:
-    skin = Recogniser(
-        replace(recogniser.model, turning=turning), recogniser.outlines, recogniser.noise,
-        recogniser.common,
-    )  # fmt: skip
-    parts = skin.search.bank.at(np.array([0, 1]), POSES)[:, 0]
+    bank = PressBank(replace(recogniser.model, turning=turning), recogniser.outlines)
+    parts = bank.at(np.array([0, 1]), POSES)[:, 0]
     patterns = np.einsum('p,npd->nd', 4e-4 ** np.arange(1, 4), parts)
     answers = recogniser.answer(Presses(patterns, np.full(2, 10.0)))
     assert answers.label.tolist() == [0, 1]

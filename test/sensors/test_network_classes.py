@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from reference.skin_collection import TARE, WINDOW, collected, windows_of
+from reference.skin_collection import TARE, WINDOW, collected
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.estimators import embedding
 from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.multipole_skin import recogniser
-from tactile_ros.sensors.multipole_skin.config import box, nine_heads
+from tactile_ros.sensors.multipole_skin.config import nine_heads
 from tactile_ros.sensors.multipole_skin.recogniser import NETWORKS
 from tactile_ros.sensors.multipole_skin.specimen import Specimen
 from tactile_ros.types import Recording
@@ -64,36 +63,12 @@ def test_it_may_be_asked_for_and_names_presses_and_no_more(
     assert label[ROWS - 1] == label[2 * ROWS - 1] == -1
 
 
-def test_a_fit_takes_it_where_it_is_better(
-    skin: Specimen, taught: Recording, asked: Recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def poor(*_: object) -> object:
-        return {'accuracy_whitened': 0.0, 'accuracy_prototypes': 0.0}
-
-    monkeypatch.setattr('tactile_ros.sensors.multipole_skin.press_fit.one_shot_shares', poor)
-    pipeline = SPEC.pipeline(CONFIG).fit(taught)
-    assert pipeline.estimators['label'] in NETWORKS
-    (share,) = pipeline.report['label_by_network'].values()
-    assert 0.5 < share <= 1.0
-    last = np.arange(ROWS - 1, len(asked), ROWS)
-    label = pipeline.process_batch(asked).label[last]
-    assert (label == asked.truth['label'][last]).mean() > 0.8
-    # a class that is enrolled is told from presses, beside those that the network names
-    pipeline.enrol(collected(skin, (box('', 30e-3, 5e-3),), PLACES[:1], 3, 3), 'bar')
-    assert (pipeline.process_batch(asked).label[last] == label).mean() > 0.8
-
-
-def test_without_onnxruntime_it_is_no_candidate_and_asked_for_a_sentence(
+def test_without_onnxruntime_it_is_refused_in_a_sentence(
     taught: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    windows = list(windows_of(taught))
-    label, groups = np.zeros(len(windows), np.int64), np.arange(len(windows))
-    monkeypatch.setattr(recogniser, 'find_spec', lambda _: None)
-    assert recogniser.best_network(NETWORKS, windows, label, groups) is None
-
     def missing(_: str) -> object:
         raise ImportError
 
     monkeypatch.setattr(embedding.importlib, 'import_module', missing)
     with pytest.raises(MissingPackageError, match='pip install onnxruntime'):
-        recogniser.best_network(NETWORKS[:1], windows, label, groups)
+        SPEC.pipeline(CONFIG, estimator=NETWORKS[0]).fit(taught)

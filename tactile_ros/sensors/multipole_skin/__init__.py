@@ -7,7 +7,7 @@ sideways; the change of field at the chips is a picture of the contact's shape a
 windows of ten frames from it and recognises measuring heads from few presses by a network with
 prototypes. Here shape, turn and place come from templates of the sheet's model and from classes
 from few presses, or regressed and voted where those do not fit; each is chosen in `fit` by grouped
-cross-validation. The network of [1] (`pronet`) is one of the candidates that name heads.
+cross-validation. The network of [1] (`pronet`) names heads where it is asked for.
 
 Source: [1] Contact Shape and Pose Recognition: Utilizing Multipole Magnetic Tactile Sensor with
 Meta-learning Model.
@@ -16,8 +16,7 @@ Meta-learning Model.
 from __future__ import annotations
 
 from tactile_ros.estimators.covariance import CovarianceModel
-from tactile_ros.estimators.few_shot import SupportSet
-from tactile_ros.estimators.prototypes import Prototypes
+from tactile_ros.estimators.few_shot import Prototypes, SupportSet
 from tactile_ros.estimators.sheet_calibration import SkinModel
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig, layout
 from tactile_ros.sensors.multipole_skin.estimation import MultipoleEstimation

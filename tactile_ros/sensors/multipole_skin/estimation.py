@@ -7,29 +7,29 @@ whole presses; held-out places decide which of them speaks of label, place and t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import betaincinv
 
-from tactile_ros.estimators.few_shot import Presses, SupportSet, press_patterns
+from tactile_ros.estimators.few_shot import SupportSet, press_patterns
 from tactile_ros.estimators.model_selection import spread_rows
 from tactile_ros.physics.magnetics import rotations
 from tactile_ros.sensors.multipole_skin.press_fit import Labels, learn
 from tactile_ros.sensors.multipole_skin.recogniser import (
+    FEWEST,
     NETWORKS,
     WEAKEST,
     NetworkClasses,
     Recogniser,
-    best_network,
     class_chances,
+    usable,
 )
 from tactile_ros.sensors.regression import Regression, scatter_rows
 from tactile_ros.types import Estimation
 
 if TYPE_CHECKING:
-    from tactile_ros.estimators.press_search import Matches
     from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
     from tactile_ros.sensors.multipole_skin.recogniser import Answers, Recogniser
     from tactile_ros.types import Array, Columns, Integers, Report, Signals
@@ -116,7 +116,6 @@ def press_numbers(signals: Signals, size: int) -> Integers:
 
 
 FOLDS = 5
-DRAWN = 40  # presses of a class that are made up
 FIRM = 2 * WEAKEST  # sigma: a press to learn from must be clearer than one to recognise
 
 
@@ -141,7 +140,7 @@ def enrolled(
             'found none: press harder, and longer'
         )
         raise ValueError(msg)
-    presses = press_patterns(windows, recogniser.basis)
+    presses = press_patterns(windows, len(recogniser.noise))
     strength = recogniser.strength(presses)
     weak = strength < FIRM
     if weak.any():
@@ -169,14 +168,22 @@ def lost_by(recogniser: Recogniser, number: int) -> dict[str, float]:
     lost = np.zeros(count, bool)
     for fold in np.unique(part):
         rows = np.flatnonzero(part == fold)
-        presses, seen = known.rows(rows), known.rows(np.flatnonzero(part != fold))
-        now, before = _named(recogniser, presses, seen, number)
-        lost[press[rows[(now == number) & (before == known.label[rows])]]] = True
-    share = float(lost.mean()) if count else float('nan')
+        presses = known.rows(rows)
+        seen = recogniser.evidence_by(known.rows(np.flatnonzero(part != fold)), recogniser.road_)
+        matches = recogniser.matches(presses)
+        labels, scores, _ = recogniser.scores(presses, matches, seen, recogniser.road_)
+        without = np.where(labels == number, np.inf, scores)
+        taken = (labels[scores.argmin(axis=1)] == number) & np.isfinite(without.min(axis=1))
+        taken &= labels[without.argmin(axis=1)] == known.label[rows]
+        lost[press[rows[taken]]] = True
+    taken_of = int(lost.sum())
+    share = taken_of / count if count else float('nan')
+    # Clopper and Pearson's
+    most = betaincinv(taken_of + 1, count - taken_of, 0.95) if taken_of < count else share
     return {
         'known_presses_judged': float(count),
         'known_presses_lost': share,
-        'known_presses_lost_at_most': _bound(int(lost.sum()), count),
+        'known_presses_lost_at_most': float(most),
     }
 
 
@@ -184,12 +191,11 @@ def lost_there(recogniser: Recogniser, new: SupportSet, number: int) -> dict[str
     """Share of the other classes that a class takes where it was pressed.
 
     A class is taken whole or not at all, by chance, since what its template or its presses are
-    wrong by is the same from press to press: either it is what pressed, as far as it was known
-    without the new class, or noise makes it alike. Of each that is more likely taken than not, the
-    chance stands under its number; NaN where none is open.
+    wrong by is the same from press to press: it is what pressed, as far as it was known without
+    the new class. Of each that is more likely taken than not, the chance stands under its number;
+    NaN where none is open.
     """
-    matches = recogniser.matches(new)
-    found = recogniser.scores(new, matches, recogniser.known_, recogniser.road_)
+    found = recogniser.scores(new, recogniser.matches(new), recogniser.evidence, recogniser.road_)
     others = found[0] != number
     labels = found[0][others]
     if not len(labels):
@@ -197,67 +203,13 @@ def lost_there(recogniser: Recogniser, new: SupportSet, number: int) -> dict[str
     # by how well each fits: the nearest one of classes that nobody described need not be alike
     fits = class_chances(found[1][:, others], found[2][:, others], recogniser.usual_,
                          recogniser.vary_)[0]  # fmt: skip
-    same = fits.mean(axis=0)
-    noisy = _noise_takes(recogniser, new, number, matches)
-    chance = 1 - (1 - same) * (1 - np.array([noisy.get(label, 0.0) for label in labels.tolist()]))
+    chance = fits.mean(axis=0)
     taken = {
         f'lost_there {label}': float(one)
         for label, one in zip(labels.tolist(), chance, strict=True)
         if one > 0.5
     }
     return {'lost_there': float(chance.mean()), 'lost_there_at_most': _most_of(chance), **taken}
-
-
-def _noise_takes(
-    recogniser: Recogniser, new: SupportSet, number: int, matches: Matches | None
-) -> dict[int, float]:
-    """Share of presses of each drawn head and enrolled class that noise makes those of a class.
-
-    Patterns are those with which heads are nearest to its first press, and the first ones of
-    classes; noise and errors of the model are drawn.
-    """
-    patterns: dict[int, Array] = {}
-    if matches is not None and recogniser.described:
-        patterns = dict(enumerate(matches.fitted[0]))
-    enrolled = recogniser.enrolled_
-    for label, row in zip(*np.unique(enrolled.label, return_index=True), strict=True):
-        if label != number:
-            patterns[int(label)] = enrolled.pattern[row]
-    if not patterns:
-        return {}
-    many = np.repeat(list(patterns.values()), DRAWN, axis=0)
-    presses = Presses(many, np.full(len(many), new.frames[0]))
-    variance = presses.variance(recogniser.noise, recogniser.still_)
-    if recogniser.search is not None:
-        variance = recogniser.search.variance(presses)
-    noise = np.random.default_rng(0).normal(size=many.shape)
-    named, _ = _named(
-        recogniser, replace(presses, pattern=many + np.sqrt(variance) * noise),
-        recogniser.known_, number,
-    )  # fmt: skip
-    lost = (named == number).reshape(-1, DRAWN).sum(axis=1)
-    return dict(zip(patterns, ((lost + 0.5) / (DRAWN + 1)).tolist(), strict=True))
-
-
-def _named(
-    recogniser: Recogniser, presses: Presses, known: SupportSet, number: int
-) -> tuple[Integers, Integers]:
-    """Names of presses (n,) with a class and without it; -1: none."""
-    matches = recogniser.matches(presses)
-    labels, scores, _ = recogniser.scores(presses, matches, known, recogniser.road_)
-    without = np.where(labels == number, np.inf, scores)
-    now, before = (
-        np.where(np.isfinite(some.min(axis=1)), labels[some.argmin(axis=1)], -1)
-        for some in (scores, without)
-    )
-    return now, before
-
-
-def _bound(count: int, of: int) -> float:
-    """Upper bound (95 %) of a share, by Clopper and Pearson; NaN of none."""
-    if not of:
-        return float('nan')
-    return 1.0 if count == of else float(betaincinv(count + 1, of - count, 0.95))
 
 
 def _most_of(chances: Array) -> float:
@@ -383,10 +335,13 @@ class MultipoleEstimation(Estimation):
         self.recogniser_, self.press_report_ = learn(
             self.config, self._rest(signals), self._noise(signals, windows), windows, labels, dead
         )
-        asked = NETWORKS if self.wanted is None else (self.wanted,)
-        self.network_ = best_network(asked, windows, label, labels.groups)
         if self.wanted is None:
             self._choose()
+        elif (usable(windows) & (label >= 0)).sum() >= FEWEST:
+            what = self.wanted.removeprefix('pronet_')
+            self.network_ = NetworkClasses(what).fit(windows, label, labels.groups)
+            right = {f'accuracy_{self.wanted}': self.network_.right}
+            self.press_report_['label_by_network'] = right
 
     def _rest(self, signals: Signals) -> Array:
         """Resting readings (t, 3) of the usual baseline; zeros where there is none."""
@@ -422,16 +377,11 @@ class MultipoleEstimation(Estimation):
         seen = set(self.recogniser_.known_.label.tolist())
         all_seen = not described or seen.issuperset(range(len(self.config.objects)))
         right = report.get('label_by_press', {}).get(f'accuracy_{road}', 0.0)
-        votes = theirs = 0.0
+        votes = 0.0
         if all_seen and 'label' in self.frames_.estimators:
             votes = frames['label']['held_out_accuracy']
-        if self.network_ is not None:
-            report['label_by_network'] = {f'accuracy_{self.network_.name}': self.network_.right}
-            theirs = self.network_.right if all_seen and self.network_.useful else 0.0
-        if theirs <= max(right, votes):
-            self.network_ = None
         chosen = []
-        if self.network_ is None and right >= votes and (described or seen):
+        if right >= votes and (described or seen):
             chosen.append('label')
         for target in ('position', 'yaw') if described else ():
             own = report.get(f'{target}_by_press', {}).get('median', np.inf)
@@ -447,7 +397,7 @@ class MultipoleEstimation(Estimation):
         self.press_report_ = {**frames, **report}
         if 'yaw' in chosen:
             self.frames_.turn_ = None
-        if 'label' in chosen or self.network_ is not None:
+        if 'label' in chosen:
             votes_left = (vote for vote in self.frames_.votes_ if vote.target != 'label')
             self.frames_.votes_ = tuple(votes_left)
 
@@ -462,7 +412,7 @@ class MultipoleEstimation(Estimation):
         spoken = self.by_press_ or self.names_ or self.network_ is not None
         if self.recogniser_ is None or not spoken:
             return known
-        presses = press_patterns(windows, self.recogniser_.basis)
+        presses = press_patterns(windows, self.frames_.width)
         answers = self.recogniser_.answer(presses)
         if self.network_ is not None:
             firm = self.recogniser_.strength(presses) >= WEAKEST
@@ -521,7 +471,7 @@ class MultipoleEstimation(Estimation):
         number = self.first_new_ + names.index(label)
         old = self.recogniser_
         new = enrolled(old, signals, self.config.window, number, label)
-        tried = old.with_enrolled(old.enrolled_.joined(new))
+        tried = old.changed(enrolled_=old.enrolled_.joined(new))
         stated = {
             'presses': float(len(np.unique(new.number))),
             **lost_by(tried, number), **lost_there(tried, new, number),
@@ -539,7 +489,8 @@ class MultipoleEstimation(Estimation):
             msg = f'label of forget must be enrolled, one of {self.names_}; received {label!r}'
             raise ValueError(msg)
         number = self.first_new_ + self.names_.index(label)
-        self.recogniser_.enrolled_ = self.recogniser_.enrolled_.without(number)
+        old = self.recogniser_
+        self.recogniser_ = old.changed(enrolled_=old.enrolled_.without(number))
         self.names_ = tuple(name for name in self.names_ if name != label)
         self.press_report_ = {
             k: v for k, v in self.press_report_.items() if k != f'enrolled {label}'

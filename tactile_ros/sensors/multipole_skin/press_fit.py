@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros.estimators.covariance import CovarianceModel
-from tactile_ros.estimators.few_shot import Rows, one_shot_shares, press_patterns
+from tactile_ros.estimators.few_shot import Rows, press_patterns
 from tactile_ros.estimators.model_selection import spread_rows
 from tactile_ros.estimators.sheet_calibration import (
     NODES,
@@ -20,9 +19,8 @@ from tactile_ros.estimators.sheet_calibration import (
     SkinModel,
     bands_of,
 )
-from tactile_ros.sensors.multipole_skin.config import HEADS, nine_heads
+from tactile_ros.sensors.multipole_skin.config import nine_heads
 from tactile_ros.sensors.multipole_skin.recogniser import (
-    MODEL_ERROR,
     WEAKEST,
     Recogniser,
     readings_of,
@@ -31,19 +29,14 @@ from tactile_ros.sensors.multipole_skin.recogniser import (
 
 if TYPE_CHECKING:
     from tactile_ros.estimators.few_shot import Presses
-    from tactile_ros.estimators.press_search import Matches
+    from tactile_ros.estimators.press_templates import Matches
     from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig
     from tactile_ros.types import Array, Bools, Integers, Report
 
-FEWEST = 3  # presses from which the sheet is fitted, or the share of turns chosen
-MOST_FITTED = 30  # presses by which the sheet is fitted
-MOST_TRIED = 40  # presses by which the share of turns is chosen
-MOST_STANDING = 120  # presses by which classes find a head that stands in for them
+FEWEST, MOST_FITTED = 3, 30  # presses by which the sheet is fitted
 FOLDS = 5
 FAINT = 0.1  # of the drawn resting field: readings that were tared before they came
 NOT_THIS = 0.3  # of a press, missed by the model: truth speaks of something else
-ERRORS = (0.012, 0.2)
-TURNINGS = (0.0, 1.0)  # shares of the body's turns that magnets follow
 NEAR = 3e-3  # m, from its label, at which a press of an unknown turn is looked for
 CHI_SQUARED_MIDDLE = 0.4549  # median of the square of a normal deviate
 SAME = 1e-4  # m, places
@@ -125,7 +118,7 @@ def learn(
     drawn = drawn_skin(config)
     drawn = replace(drawn, responses=np.where(dead[:, None, None], 0.0, drawn.responses))
     fit, used = rested_skin(drawn, rest, noise)
-    presses = press_patterns(windows, np.linalg.qr(drawn.common)[0])
+    presses = press_patterns(windows, len(noise))
     whole = np.flatnonzero(np.isfinite(presses.pattern).all(axis=1))
     presses, labels = presses.rows(whole), labels.rows(whole)
     heads = tuple(config.objects)
@@ -137,8 +130,10 @@ def learn(
     presses, labels = presses.rows(firm), labels.rows(firm)
     outside = presses
     report: Report = {}
-    if fit is not None:
-        outside, report = _fit_sheet(recogniser, fit, used, presses, labels)
+    if fit is not None and heads:
+        if used is not None:
+            recogniser.error = fit.expected(heads)
+        recogniser, outside, report = _fit_sheet(recogniser, fit, used, presses, labels)
     report.update(choose(recogniser, presses, outside, labels))
     return recogniser, report
 
@@ -146,95 +141,47 @@ def learn(
 def _fit_sheet(
     recogniser: Recogniser, fit: SheetCalibration, rest: Array | None, presses: Presses,
     labels: Labels,
-) -> tuple[Presses, Report]:  # fmt: skip
-    """Fit the sheet to presses; these as if the sheet had not been fitted to them, a report."""
-    rested = recogniser.model
-    assert rested is not None
-    described = bool(recogniser.outlines)
-    expected = fit.expected(recogniser.outlines or HEADS) if rest is not None else MODEL_ERROR
-    recogniser.error = float(np.clip(expected, *ERRORS))
-    recogniser.turnings = TURNINGS[1:] if described else ()
-    # at labelled places: of described heads, or of any class where none is described
-    placed = np.isfinite(labels.place[:, :2]).all(axis=1) & (labels.label >= 0)
-    most = len(recogniser.outlines) if described else np.inf
-    rows = np.flatnonzero(placed & (labels.label < most))
-    tried = rows if len(rows) >= FEWEST else np.arange(len(presses.pattern))
-    if len(tried) < FEWEST or (described and len(rows) < FEWEST):
-        return presses, {}
-    tried = spread_rows(tried, MOST_TRIED if described else MOST_STANDING)
-    label = labels.label[tried]
-    seen = np.unique(label) if described else np.arange(0)
-    column = np.searchsorted(seen, label) if described else None
-    turning, matches = _turning(recogniser, presses.rows(tried), seen, column)
-    recogniser.turnings, recogniser.model = (), replace(rested, turning=turning)
-    recogniser.refresh()
+) -> tuple[Recogniser, Presses, Report]:  # fmt: skip
+    """Fit the sheet to presses of described heads at labelled places.
+
+    Returns the recogniser of that sheet, presses as if it had not been fitted to them, a report.
+    """
+    heads = recogniser.outlines
+    placed = np.isfinite(labels.place[:, :2]).all(axis=1)
+    rows = np.flatnonzero(placed & (labels.label >= 0) & (labels.label < len(heads)))
     if len(rows) < FEWEST:
-        return presses, {}
-    each = np.arange(len(tried))
-    column = class_heads(matches, label) if column is None else column
-    head = label if described else column
-    poses, cost = matches.pose[each, column, :3], matches.cost[each, column]
-    turned = np.isfinite(labels.yaw[tried]) & described
-    near = np.linalg.norm(poses[:, :2] - labels.place[tried, :2], axis=1) < NEAR
-    kept = np.flatnonzero(turned | (near & (described | (cost <= np.median(cost)))))
+        return recogniser, presses, {}
+    rows = spread_rows(rows, MOST_FITTED)
+    matches = recogniser.matches(presses.rows(rows))
+    assert matches is not None
+    found = matches.pose[np.arange(len(rows)), labels.label[rows], :3]
+    turned = np.isfinite(labels.yaw[rows])
+    near = np.linalg.norm(found[:, :2] - labels.place[rows, :2], axis=1) < NEAR
+    kept = np.flatnonzero(turned | near)
     if len(kept) < FEWEST:
-        return presses, {}
-    kept = spread_rows(kept, MOST_FITTED)
+        return recogniser, presses, {}
     variance = presses.variance(recogniser.noise, recogniser.still_)
     known = [
         LabelledPress(
-            (recogniser.outlines or recogniser.library)[head[i]],
-            np.array([*labels.place[tried[i], :2],
-                      labels.yaw[tried[i]] if turned[i] else poses[i, 2]]),
-            bool(turned[i]), presses.pattern[tried[i]], variance[tried[i]],
+            heads[labels.label[rows[i]]],
+            np.array([*labels.place[rows[i], :2],
+                      labels.yaw[rows[i]] if turned[i] else found[i, 2]]),
+            bool(turned[i]), presses.pattern[rows[i]], variance[rows[i]],
         )
         for i in kept
     ]  # fmt: skip
-    fit.fit_presses(rest, known, turning)
-    patterns, missed = fit.held_out(known, labels.folds[tried[kept]])
+    fit.fit_presses(rest, known)
+    patterns, missed = fit.held_out(known, labels.folds[rows[kept]])
     report = {'sheet': {'missed': missed, 'presses': float(len(known))}}
-    if missed > (NOT_THIS if described else recogniser.error):
-        return presses, report
-    recogniser.model, recogniser.common = fit.model, fit.model.common
-    heads = recogniser.outlines or recogniser.library
-    recogniser.error = float(np.clip(fit.expected(heads), *ERRORS))
-    recogniser.refresh()
+    if missed > NOT_THIS:
+        return recogniser, presses, report
+    error = fit.expected(heads)
+    fitted = recogniser.changed(
+        model=fit.model, common=fit.model.common, error=error, turnings=(fit.model.turning,)
+    )
     outside = presses.pattern.copy()
-    outside[tried[kept]] = patterns
-    return replace(presses, pattern=outside), report
-
-
-def class_heads(matches: Matches, label: Integers) -> Integers:
-    """Head (n,) of the library that explains all presses of the class of each best.
-
-    Presses of one class share their shape, wherever they are: together they say what one leaves
-    open.
-    """
-    return np.array([matches.cost[label == one].sum(axis=0).argmin() for one in label])
-
-
-def _turning(
-    recogniser: Recogniser, presses: Presses, heads: Integers, column: Integers | None
-) -> tuple[float, Matches]:
-    """Share of turns that magnets follow, and matches of the presses (n) on such a skin.
-
-    `heads` pressed, `column` (n,) says which of them each time; None: any of the library.
-    """
-    assert recogniser.model is not None
-    outlines = tuple(recogniser.outlines[i] for i in heads.tolist())
-    found = {}
-    for turning in TURNINGS:
-        other = copy(recogniser)
-        other.outlines, other.turnings = outlines, ()
-        other.model = replace(recogniser.model, turning=turning)
-        other.refresh()
-        matches = other.matches(presses)
-        assert matches is not None
-        each = np.arange(len(matches.cost))
-        cost = matches.cost.min(axis=1) if column is None else matches.cost[each, column]
-        found[turning] = float(np.median(cost)), matches
-    best = min(found, key=lambda turning: found[turning][0])
-    return best, found[best][1]
+    outside[rows[kept]] = patterns
+    return fitted, replace(presses, pattern=outside), report
 
 
 def choose(recogniser: Recogniser, presses: Presses, outside: Presses, labels: Labels) -> Report:
@@ -250,35 +197,25 @@ def choose(recogniser: Recogniser, presses: Presses, outside: Presses, labels: L
     matches = recogniser.matches(presses)
     if matches is not None:
         recogniser.still_ = _unaveraged(recogniser, presses, matches)
-        recogniser.refresh()
-        matches = recogniser.matches(presses)
-    known = recogniser.supports(presses, labels.label, labels.number, matches)
-    recogniser.known_ = known
-    right = one_shot_shares(known, recogniser.noise, recogniser.common, recogniser.still_)
-    report = {'label_by_prototypes': right} if right else {}
-    if not recogniser.described:
-        if right:
-            better = right['accuracy_whitened'] >= right['accuracy_prototypes']
-            recogniser.road_ = 'press_neighbours' if better else 'prototypes'
-            report['label_by_press'] = {f'accuracy_{recogniser.road_}': max(right.values())}
-        return report
+    recogniser.known_ = recogniser.supports(presses, labels.label, labels.number)
     unseen = recogniser.matches(outside)
-    assert unseen is not None
-    found = {
-        road: _validated(recogniser, presses, unseen, labels.folds, road)
-        for road in ('press_templates', 'press_both')
-    }
+    roads, fold = ('press_neighbours', 'prototypes'), labels.number % FOLDS
+    if recogniser.described:
+        roads, fold = ('press_templates', 'press_both'), labels.folds
+    found = {road: _validated(recogniser, presses, unseen, fold, road) for road in roads}
     shares = {road: float((named == labels.label).mean()) for road, (named, _) in found.items()}
-    if labels.label.max() >= len(recogniser.outlines):  # templates cannot name these
-        shares['press_templates'] = 0.0
+    if recogniser.described and labels.label.max() >= len(recogniser.outlines):
+        shares['press_templates'] = 0.0  # they cannot name all
     # of roads that are as good, the one that needs the least to have been seen
-    best = max(shares, key=lambda road: (np.round(shares[road], 3), road == 'press_templates'))
+    best = max(roads, key=lambda road: round(shares[road], 3))
     recogniser.road_ = best
-    named, misfit = found[best]
-    rightly = misfit[(named == labels.label) & np.isfinite(misfit)]
-    recogniser.usual_, recogniser.vary_ = usual_misfit(rightly)
-    report['label_by_press'] = {f'accuracy_{road}': shares[road] for road in shares}
-    report.update(_placed(recogniser, labels, unseen, presses, named))
+    report = {'label_by_press': {f'accuracy_{road}': shares[road] for road in roads}}
+    if recogniser.described:
+        assert unseen is not None
+        named, misfit = found[best]
+        rightly = misfit[(named == labels.label) & np.isfinite(misfit)]
+        recogniser.usual_, recogniser.vary_ = usual_misfit(rightly)
+        report.update(_placed(recogniser, labels, unseen, presses, named))
     return report
 
 
@@ -287,29 +224,27 @@ def _unaveraged(recogniser: Recogniser, presses: Presses, matches: Matches) -> f
     n = np.arange(len(presses.pattern))
     best = matches.cost.argmin(axis=1)
     fitted = matches.fitted[n, best].reshape(len(n), -1, 3)
-    miss = presses.pattern.reshape(fitted.shape) - fitted
     here = np.square(fitted).sum(axis=2)
     quiet = here <= np.median(here, axis=1, keepdims=True)
-    middle = np.array(
-        [np.median(one[chips], axis=0) for one, chips in zip(miss, quiet, strict=True)]
-    )
-    square = np.square(miss - middle[:, None])
-    usual = np.array([np.median(one[chips]) for one, chips in zip(square, quiet, strict=True)])
-    usual = usual / CHI_SQUARED_MIDDLE - np.square(recogniser.noise).mean() / presses.frames
+    miss = np.where(quiet[..., None], presses.pattern.reshape(fitted.shape) - fitted, np.nan)
+    square = np.square(miss - np.nanmedian(miss, axis=1, keepdims=True))
+    usual = np.nanmedian(square, axis=(1, 2)) / CHI_SQUARED_MIDDLE
+    usual -= np.square(recogniser.noise).mean() / presses.frames
     return float(np.sqrt(max(np.median(usual), 0.0)))
 
 
 def _validated(
-    recogniser: Recogniser, presses: Presses, matches: Matches, fold: Integers, road: str
+    recogniser: Recogniser, presses: Presses, matches: Matches | None, fold: Integers, road: str
 ) -> tuple[Integers, Array]:
     """Names of held-out presses, -1 where nothing is near, and their misfits."""
     named, misfit = np.full(len(fold), -1), np.full(len(fold), np.inf)
     for i in np.unique(fold):
         rows = np.flatnonzero(fold == i)
-        known = recogniser.known_.rows(np.flatnonzero(fold != i))
-        classes, scores, misfits = recogniser.scores(
-            presses.rows(rows), matches.rows(rows), known, road
-        )
+        supports = recogniser.evidence_by(recogniser.known_.rows(np.flatnonzero(fold != i)), road)
+        some = None if matches is None else matches.rows(rows)
+        classes, scores, misfits = recogniser.scores(presses.rows(rows), some, supports, road)
+        if not len(classes):
+            continue
         best = scores.argmin(axis=1)
         named[rows] = np.where(np.isfinite(scores.min(axis=1)), classes[best], -1)
         misfit[rows] = misfits[np.arange(len(rows)), best]

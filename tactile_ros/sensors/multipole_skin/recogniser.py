@@ -12,7 +12,6 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,21 +19,19 @@ import numpy as np
 
 from tactile_ros.estimators.embedding import Embedding
 from tactile_ros.estimators.few_shot import (
+    Prototypes,
     SupportSet,
     prototype_scores,
+    share_of,
     support_scores,
     without_field,
 )
-from tactile_ros.estimators.press_search import PressSearch
 from tactile_ros.estimators.press_templates import PressBank
-from tactile_ros.estimators.prototypes import Prototypes
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from tactile_ros.estimators.covariance import CovarianceModel
     from tactile_ros.estimators.few_shot import Presses
-    from tactile_ros.estimators.press_search import Matches
+    from tactile_ros.estimators.press_templates import Matches
     from tactile_ros.estimators.sheet_calibration import SkinModel
     from tactile_ros.types import Array, Bools, Integers, Outline
 
@@ -46,45 +43,31 @@ FEW = 5  # presses, as which what is usual counts
 
 
 def usual_misfit(misfits: Array) -> tuple[float, float]:
-    """Usual misfit of a class by its own presses: middle of its logarithm, and spread above.
+    """Mean and deviation of the logarithm of misfits of a class by its own presses.
 
     Misfits (n,) are over their variance, of held-out presses that were named rightly.
     """
-    if not len(misfits):
-        return 0.0, UNTOLD
-    found = np.log(np.maximum(misfits, 1e-3))
-    weight = len(found) / (len(found) + FEW)
-    usual = weight * float(np.median(found))
-    above = np.square(np.maximum(found - usual, 0.0))
-    square = 2 * weight * above.mean() + (1 - weight) * UNTOLD**2
+    found, count = np.log(np.maximum(misfits, 1e-3)), len(misfits) + FEW
+    usual = float(found.sum()) / count
+    square = (float(np.square(found - usual).sum()) + FEW * UNTOLD**2) / count
     return usual, max(float(np.sqrt(square)), LEAST_VARIED)
-
-
-def none_chance(misfits: Array, usual: float, vary: float) -> Array:
-    """Probability that what pressed is none of the classes, from the best one's misfit (n,).
-
-    Others fit anyhow, within a wide factor; classes as held-out presses do, or better.
-    """
-    away = np.maximum(np.log(np.maximum(misfits, 1e-3)) - usual, 0.0) / vary
-    fits = np.exp(-0.5 * np.square(away)) / (np.sqrt(2 * np.pi) * vary)
-    return np.asarray(NONE / UNLIKE / (NONE / UNLIKE + (1 - NONE) * fits))
 
 
 def class_chances(scores: Array, misfits: Array, usual: float, vary: float) -> tuple[Array, Array]:
     """Probabilities of classes, shape (n, k), and that it is none of them (n,).
 
     Scores (n, k) are twice the negative log-likelihood, inf: far away; misfits (n, k) are over
-    their variance; `usual` and `vary` are of `usual_misfit`.
+    their variance; `usual` and `vary` are of `usual_misfit`. What is none of the classes fits
+    anyhow, within a wide factor; classes as held-out presses do, or better.
     """
-    n = np.arange(len(scores))
-    best = scores.argmin(axis=1)
-    low, misfit = scores[n, best], misfits[n, best]
-    near = np.isfinite(low)
-    none = np.where(near, none_chance(np.where(near, misfit, 1.0), usual, vary), 1.0)
-    with np.errstate(invalid='ignore'):
-        away = np.where(near[:, None], scores - low[:, None], np.inf)
+    n, best = np.arange(len(scores)), scores.argmin(axis=1)
+    near = np.isfinite(scores[n, best])
+    low, misfit = np.where(near, scores[n, best], 0.0), np.where(near, misfits[n, best], 1.0)
+    away = np.maximum(np.log(np.maximum(misfit, 1e-3)) - usual, 0.0) / vary
+    fits = np.exp(-0.5 * np.square(away)) / (np.sqrt(2 * np.pi) * vary)
+    none = np.where(near, NONE / UNLIKE / (NONE / UNLIKE + (1 - NONE) * fits), 1.0)
     # where nothing fits well, differences of misfits say less
-    likely = np.exp(-0.5 * away / np.where(near, np.maximum(misfit, 1.0), 1.0)[:, None])
+    likely = np.exp(-0.5 * (scores - low[:, None]) / np.maximum(misfit, 1.0)[:, None])
     total = np.maximum(likely.sum(axis=1), 1e-30)
     return ((1 - none) / total)[:, None] * likely, none
 
@@ -107,7 +90,6 @@ def pronet(what: str) -> Embedding:
 NETWORKS = tuple(f'pronet_{what}' for what in TRAINED)
 FOLDS = 5
 FEWEST = 3  # presses
-BETTER = 1.5
 FARTHEST = 2.0  # over the distance that nineteen of twenty held-out presses keep
 ENOUGH = 0.95
 
@@ -122,22 +104,16 @@ class NetworkClasses:
     prototypes_: Prototypes  # numbered one by one; `label_` (m,) says of which class each is
     label_: Integers
     right: float  # share of held-out presses that are named rightly; 0: none could be held out
-    chance: float  # share of the commonest class
     worst_: float  # distance beyond which no class fits
 
     def __init__(self, what: str) -> None:
         self.what = what
-        self.right, self.chance, self.worst_ = 0.0, 1.0, np.inf
+        self.right, self.worst_ = 0.0, np.inf
 
     @property
     def name(self) -> str:
         """Name of the estimator."""
         return f'pronet_{self.what}'
-
-    @property
-    def useful(self) -> bool:
-        """True if it is right by half as much again as the commonest class, or nearly always."""
-        return self.right > min(BETTER * self.chance, 0.5 + self.chance / 2)
 
     @cached_property
     def network(self) -> Embedding:
@@ -158,7 +134,6 @@ class NetworkClasses:
         self._remember(found, label, groups)
         self.worst_ = FARTHEST * float(np.quantile(away[right], ENOUGH)) if right.any() else np.inf
         self.right = float(right.mean())
-        self.chance = float(np.bincount(label).max() / len(label))
         return self
 
     def predict(self, windows: list[Array], firm: Bools) -> tuple[Integers, Array]:
@@ -196,48 +171,15 @@ def usable(windows: list[Array]) -> Bools:
     return np.array([one.shape == shape and np.isfinite(one).all() for one in windows], bool)
 
 
-def best_network(
-    names: Sequence[str | None], windows: list[Array], label: Integers, groups: Integers
-) -> NetworkClasses | None:
-    """The network that is right most often on held-out groups; None: none can be tried.
-
-    MissingPackageError if a single one was asked for and onnxruntime is not installed.
-    """
-    enough = int((usable(windows) & (label >= 0)).sum()) >= FEWEST
-    if not enough or (len(names) > 1 and find_spec('onnxruntime') is None):
-        return None
-    tried = [NetworkClasses(what).fit(windows, label, groups) for what in TRAINED
-             if f'pronet_{what}' in names]  # fmt: skip
-    return max(tried, key=lambda one: one.right)
-
-
 MODEL_ERROR = 0.03  # of what a chip sees, where no press determines it
 WEAKEST = 5.0  # sigma of the strongest reading
 WIDE = 2.5  # deviations of a turn that count as its range
 STILL = 0.5  # of the noise: what frames do not average, where no press determines it
 AROUND = 5e-3  # m, within which heads may press beside those that were seen
 LEAST = np.array([1e-4, 1e-4, 1e-3])  # shares of these ranges
+TURNINGS = (0.0, 1.0)  # where no press tells
 FREE = 4  # parameters of a press that are fitted, beside a uniform field
 WITNESSES = 3  # heads that say where a shape presses that nobody described
-MOST_BANKS = 2  # that are kept: each costs seconds and tens of megabytes
-_BANKS: dict[bytes, PressBank] = {}
-
-
-def bank_of(model: SkinModel, outlines: tuple[Outline, ...]) -> PressBank:
-    """Templates of heads on a skin; the last ones made are kept."""
-    parts = [model.chips, model.responses, model.sheet.each_moment, model.dents.waves]
-    parts += [np.array([model.turning]), *(loop for one in outlines for loop in one.loops)]
-    shapes = str([len(outline.loops) for outline in outlines]).encode()
-    key = shapes + b'|'.join(np.ascontiguousarray(part).tobytes() for part in parts)
-    bank = _BANKS.get(key)
-    if bank is None:
-        bank = PressBank(
-            model.sheet, model.dents, model.chips, model.responses, model.turning, outlines
-        )
-        while len(_BANKS) >= MOST_BANKS:
-            _BANKS.pop(next(iter(_BANKS)), None)
-        _BANKS[key] = bank
-    return bank
 
 
 @dataclass(frozen=True)
@@ -275,7 +217,7 @@ class Recogniser:
     road_ : str
         'press_templates', 'press_both', 'press_neighbours' or 'prototypes'.
     turnings : tuple of float
-        Other shares of the body's turns that the skin's magnets may follow.
+        Shares of the body's turns that magnets may follow.
     still_ : float
         Error of a pattern that frames do not average (T).
     covariance_ : CovarianceModel or None
@@ -289,8 +231,7 @@ class Recogniser:
         error: float = MODEL_ERROR, library: tuple[Outline, ...] = (),
     ) -> None:  # fmt: skip
         self.model, self.outlines, self.library, self.error = model, outlines, library, error
-        self.noise, self.common = noise, common
-        self.turnings: tuple[float, ...] = ()
+        self.noise, self.common, self.turnings = noise, common, TURNINGS
         self.known_ = self.enrolled_ = SupportSet.empty(len(noise))
         self.road_ = 'press_templates' if model is not None and outlines else 'press_neighbours'
         self.covariance_: CovarianceModel | None = None
@@ -313,60 +254,63 @@ class Recogniser:
         return int(np.count_nonzero(np.abs(self.common).sum(axis=1))) - 3 - FREE
 
     @cached_property
-    def search(self) -> PressSearch | None:
-        """Search among templates, of stand-ins where no head is described; None without any."""
-        heads = self.outlines or self.library
-        if self.model is None or not heads:
-            return None
-        found = None
-        others = [replace(self.model, turning=turning) for turning in self.turnings]
-        for skin in (*others, self.model):
-            bank = bank_of(skin, heads)
-            found = PressSearch(
-                bank, self.noise, self.common, skin.body, self.error, self.still_, found
-            )
-        return found
+    def templates(self) -> tuple[PressBank, ...]:
+        """Templates on each skin that it may be, of stand-ins where no head is described."""
+        model, heads = self.model, self.outlines or self.library
+        if model is None or not heads:
+            return ()
+        return tuple(PressBank(replace(model, turning=one), heads) for one in self.turnings)
 
     @cached_property
-    def _sectors(self) -> tuple[Array, Integers]:
-        """Turns after which heads look the same, and their orders of symmetry, (heads,) each."""
-        assert self.search is not None
-        heads = self.search.bank.heads
-        return np.array([head.sector for head in heads]), np.array([head.order for head in heads])
+    def evidence(self) -> SupportSet:
+        """Presses by which classes are told."""
+        return self.evidence_by(self.known_, self.road_)
 
-    def with_enrolled(self, enrolled: SupportSet) -> Recogniser:
-        """The same with other enrolled classes."""
+    def evidence_by(self, known: SupportSet, road: str) -> SupportSet:
+        """Known presses and enrolled ones; the latter alone where templates name all others."""
+        return self.enrolled_ if road == 'press_templates' else known.joined(self.enrolled_)
+
+    def changed(self, **parts: object) -> Recogniser:
+        """The same with other attributes."""
         other = copy(self)
-        vars(other).pop('_prototypes', None)
-        other.enrolled_ = enrolled
+        vars(other).update(parts)
+        stale = ('evidence', 'basis', 'spare', 'templates') if 'model' in parts else ('evidence',)
+        for name in stale:
+            vars(other).pop(name, None)
         return other
 
-    def refresh(self) -> None:
-        """Forget what was made for another error or skin."""
-        for name in ('search', 'basis', '_prototypes', '_sectors', 'spare'):
-            vars(self).pop(name, None)
+    def variance(self, presses: Presses) -> Array:
+        """Variance of patterns (n, d): noise, and error of the model where chips see much."""
+        noise = presses.variance(self.noise, self.still_)
+        return np.asarray(noise + share_of(presses.pattern, self.error))
 
     def matches(self, presses: Presses) -> Matches | None:
-        """The best press of every head."""
-        return None if self.search is None else self.search.find(presses)
+        """The best press of every head, on the skin that explains a press best; None: no model."""
+        variance, each = self.variance(presses), np.arange(len(presses.frames))
+        best: Matches | None = None
+        for bank in self.templates:
+            found = bank.find(presses.pattern, variance)
+            if best is not None:
+                better = found.cost.min(axis=1) < best.cost.min(axis=1)
+                found = best.joined(found).rows(each + len(each) * better)
+            best = found
+        return best
 
-    def supports(
-        self, presses: Presses, labels: Integers, number: Integers, matches: Matches | None = None
-    ) -> SupportSet:
+    def supports(self, presses: Presses, labels: Integers, number: Integers) -> SupportSet:
         """Windows of presses by number as supports of their classes.
 
         With what the most alike template of each changes by; without templates nothing is known.
         """
         n, d = presses.pattern.shape
         slopes = np.zeros((n, 4, d))
-        matches = self.matches(presses) if matches is None else matches
-        if matches is not None and self.search is not None and n:
+        matches = self.matches(presses)
+        if matches is not None and n:
             each, best = np.arange(n), matches.cost.argmin(axis=1)
             pose, slopes = matches.pose[each, best], matches.slopes[each, best].copy()
-            terms = self.search.bank.at(best, pose[:, :3])[:, 0]
+            terms = self.templates[0].at(best, pose[:, :3])[:, 0]
             deep = pose[:, 3, None]
             slopes[:, 3] = deep**2 * terms[:, 1] + 2 * deep**3 * terms[:, 2]
-        return SupportSet(presses.pattern, presses.frames, labels, number, np.ones(n), slopes)
+        return SupportSet(presses.pattern, presses.frames, labels, number, slopes)
 
     def strength(self, presses: Presses) -> Array:
         """Strongest reading of each press over its noise, without any uniform field."""
@@ -374,68 +318,45 @@ class Recogniser:
         noise = np.sqrt(presses.variance(self.noise, self.still_))
         return np.asarray((np.abs(own) / noise).max(axis=1))
 
-    def template_scores(self, matches: Matches) -> Array:
+    def template_scores(self, presses: Presses, matches: Matches) -> Array:
         """Twice the negative log-likelihood of every head, shape (n, heads)."""
         # classes of presses that were seen press where they were seen, heads around there; a
         # head that may turn has more templates, of which one fits noise well
-        sector = self._sectors[0]
+        sector = self.templates[0].sectors
         room = np.column_stack([np.full((len(sector), 2), AROUND), sector])
         with np.errstate(invalid='ignore'):
             wide = matches.cov.diagonal(axis1=2, axis2=3)[..., :3] * np.square(WIDE / room)
             part = np.maximum(np.fmin(wide, 1.0), np.square(LEAST))  # NaN: 1
-        return np.asarray(matches.cost + matches.level[:, None] - np.log(part).sum(axis=2))
+        level = np.log(self.variance(presses)).sum(axis=1)
+        return np.asarray(matches.cost + level[:, None] - np.log(part).sum(axis=2))
 
     def scores(
-        self, presses: Presses, matches: Matches | None, known: SupportSet, road: str
+        self, presses: Presses, matches: Matches | None, supports: SupportSet, road: str
     ) -> tuple[Integers, Array, Array]:
         """Classes (k,), their scores (n, k) and misfits over variance (n, k)."""
         n = len(presses.pattern)
         columns: dict[int, tuple[Array, Array]] = {}
         if matches is not None and self.described:
-            score, misfit = self.template_scores(matches), matches.cost.min(axis=1) / self.spare
-            columns = {i: (score[:, i], misfit) for i in range(score.shape[1])}
-        means = self._means(None if road == 'press_templates' else known)
-        if means is not None:
-            if road == 'prototypes':
-                score, level = prototype_scores(means, presses, self.basis), np.zeros(n)
-            else:
-                score = support_scores(means, presses, self.noise, self.common, self.still_)
-                level = np.log(presses.variance(self.noise, self.still_)).sum(axis=1)
-            for label in np.unique(means.label).tolist():
-                best = score[:, means.label == label].min(axis=1)
-                cost = (best - level) / self.spare
-                if label in columns:
-                    old = columns[label]
-                    cost = np.where(best < old[0], cost, old[1])
-                    best = np.minimum(best, old[0])
-                columns[label] = best, cost
+            score, misfit = self.template_scores(presses, matches), matches.cost / self.spare
+            columns = {i: (score[:, i], misfit.min(axis=1)) for i in range(score.shape[1])}
+        if road == 'prototypes':
+            score, level = prototype_scores(supports, presses, self.basis), np.zeros(n)
+        else:
+            score = support_scores(supports, presses, self.noise, self.common, self.still_)
+            level = np.log(presses.variance(self.noise, self.still_)).sum(axis=1)
+        for label in np.unique(supports.label).tolist():
+            best = score[:, supports.label == label].min(axis=1)
+            old, cost = columns.get(label, (np.full(n, np.inf), level))
+            cost = np.where(best < old, (best - level) / self.spare, cost)
+            columns[label] = np.minimum(best, old), cost
         labels = np.array(sorted(columns), np.int64)
         both = np.array([columns[i] for i in labels.tolist()]).reshape(len(labels), 2, n)
         return labels, both[:, 0].T, both[:, 1].T
 
-    def _means(self, known: SupportSet | None) -> SupportSet | None:
-        """Prototypes of enrolled and known classes; made anew when they differ."""
-        last = self._prototypes[0] if self._prototypes else None
-        if last is None or last[0] is not known or last[1] is not self.enrolled_:
-            supports = self.enrolled_ if known is None else known.joined(self.enrolled_)
-            made = None
-            if len(supports.label):
-                made = supports.averaged(self.basis, self.noise, self.still_)
-            self._prototypes[:] = [(known, self.enrolled_, made)]
-        return self._prototypes[0][2]
-
-    @cached_property
-    def _prototypes(self) -> list[tuple[SupportSet | None, SupportSet, SupportSet | None]]:
-        """Supports that prototypes were made from the last time, and they."""
-        return []
-
     def chances(self, scores: Array, misfits: Array) -> tuple[Array, Array]:
         """Probabilities of classes, shape (n, k), and that it is none of them (n,)."""
-        if not scores.shape[1]:
-            return scores, np.ones(len(scores))
-        if self.road_ in ('press_neighbours', 'prototypes') and not self.described:
-            # nothing is known of how other shapes fit: the nearest class is named
-            return class_chances(scores, np.zeros_like(misfits), 0.0, 1.0)
+        if not self.described:  # nothing is known of how other shapes fit: the nearest is named
+            misfits = np.zeros_like(misfits)
         return class_chances(scores, misfits, self.usual_, self.vary_)
 
     def answer(self, presses: Presses) -> Answers:
@@ -449,9 +370,9 @@ class Recogniser:
         if firm.any():
             some = presses if firm.all() else presses.rows(np.flatnonzero(firm))
             matches = self.matches(some) if self.described else None
-            labels, scores, misfits = self.scores(some, matches, self.known_, self.road_)
-            chances, none = self.chances(scores, misfits)
+            labels, scores, misfits = self.scores(some, matches, self.evidence, self.road_)
             if len(labels):
+                chances, none = self.chances(scores, misfits)
                 best = chances.argmax(axis=1)
                 chance = chances[np.arange(len(best)), best]
                 label[firm] = np.where(chance > none, labels[best], -1)
@@ -478,7 +399,7 @@ class Recogniser:
 
         Of these the covariance holds how far they are apart.
         """
-        sectors, orders = self._sectors
+        sectors, orders = self.templates[0].sectors, self.templates[0].orders
         n = np.arange(len(label))
         mine = (label >= 0) & (label < len(orders))
         which = np.where(mine, label, matches.cost.argmin(axis=1))
@@ -487,13 +408,14 @@ class Recogniser:
         free = orders[which] == 0
         pose[free, 2], cov[free, 2, :], cov[free, :, 2] = 0.0, 0.0, 0.0
         cov[free, 2, 2] = np.pi**2 / 3
-        if not mine.all():
-            share, places = _witnesses(matches)[~mine], matches.pose[~mine][..., :2]
-            pose[~mine, :2] = np.einsum('nh,nhi->ni', share, places)
-            away = places - pose[~mine, None, :2]
-            within = matches.cov[~mine][..., :2, :2] + away[..., None] * away[..., None, :]
-            cov[~mine, :2, :2] = np.einsum('nh,nhij->nij', share, within)
-            pose[~mine, 2], cov[~mine, 2], cov[~mine, :, 2] = np.nan, np.nan, np.nan
+        rows = np.flatnonzero(~mine)
+        best = np.argsort(matches.cost[rows], axis=1)[:, :WITNESSES]
+        places = matches.pose[rows[:, None], best, :2]
+        pose[rows, :2] = places.mean(axis=1)
+        away = places - pose[rows, None, :2]
+        within = matches.cov[rows[:, None], best][..., :2, :2]
+        cov[rows, :2, :2] = (within + away[..., None] * away[..., None, :]).mean(axis=1)
+        pose[rows, 2], cov[rows, 2], cov[rows, :, 2] = np.nan, np.nan, np.nan
         return pose, cov, np.where(mine, orders[which], -1)
 
 
@@ -503,12 +425,3 @@ OPEN_TURN = 3.0  # rad2, of a turn that cannot be seen
 def readings_of(presses: Presses) -> Array:
     """Logarithm of the strength of presses, by which errors grow, shape (n, 1)."""
     return np.asarray(np.log(np.linalg.norm(presses.pattern, axis=1) + 1e-12)[:, None])
-
-
-def _witnesses(matches: Matches) -> Array:
-    """Equal weights (n, heads) of the heads that fit best."""
-    n, heads = matches.cost.shape
-    found = np.zeros((n, heads))
-    best = np.argsort(matches.cost, axis=1)[:, :WITNESSES]
-    found[np.arange(n)[:, None], best] = 1 / best.shape[1]
-    return found
