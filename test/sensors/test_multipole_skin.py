@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from reference import multipole_world as world
+from tactile_ros import calibration
 from tactile_ros.enrolment import Allowed, learn
+from tactile_ros.errors import CalibrationError
 from tactile_ros.estimators import regression
 from tactile_ros.estimators.few_shot import Presses, press_patterns
 from tactile_ros.pipeline import Pipeline
@@ -198,6 +200,17 @@ def test_a_class_is_enrolled_survives_a_file_and_is_forgotten(
         one.forget('wedge')
         assert one.label_names == ('square_15', 'circle_12', 'bar_25x6')
         assert (one.process_batch(trial.test).label[ends(trial.test)] == known).all()
+
+
+def test_a_file_of_a_skin_that_is_not_the_drawn_one_is_refused(
+    trial: Trial, tmp_path: Path
+) -> None:
+    trial.pipeline.save(tmp_path / 'skin.npz')
+    arrays = calibration.read(tmp_path / 'skin.npz')
+    arrays['estimation/recogniser_/model/size.array'][0] += 1.0
+    calibration.write(tmp_path / 'skin.npz', arrays)
+    with pytest.raises(CalibrationError, match='not the one that its config draws'):
+        SPEC.load(tmp_path / 'skin.npz')
 
 
 def test_a_press_of_no_use_is_refused_with_a_reason(trial: Trial) -> None:

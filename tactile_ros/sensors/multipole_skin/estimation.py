@@ -16,7 +16,7 @@ from scipy.special import betaincinv
 from tactile_ros.estimators.few_shot import SupportSet, press_patterns
 from tactile_ros.estimators.model_selection import spread_rows
 from tactile_ros.physics.magnetics import rotations
-from tactile_ros.sensors.multipole_skin.press_fit import Labels, learn
+from tactile_ros.sensors.multipole_skin.press_fit import Labels, drawn_skin, learn
 from tactile_ros.sensors.multipole_skin.recogniser import (
     FEWEST,
     NETWORKS,
@@ -240,6 +240,7 @@ QUIETEST = 1e-7  # T
 THIRD = 20.0  # variance of a third difference over that of a frame
 DEEP = 1e-3  # m, by which the face of a pressed skin is uncertain
 MOST_LEARNED = 1500  # windows
+UNFITTED = ('size', 'layer', 'thickness', 'pole_pitch', 'youngs', 'poisson')  # of a skin
 
 
 class MultipoleEstimation(Estimation):
@@ -276,6 +277,15 @@ class MultipoleEstimation(Estimation):
         self.press_report_: Report = {}
         self.names_: tuple[str, ...] = ()
         self.first_new_ = len(config.objects)
+
+    def refuse_damage(self) -> None:
+        """Raise ValueError where the skin is not the drawn one; see `Estimation`."""
+        model = None if self.recogniser_ is None else self.recogniser_.model
+        # templates of another size may take all memory
+        drawn = vars(drawn_skin(self.config))
+        if model and not all(np.array_equal(vars(model)[name], drawn[name]) for name in UNFITTED):
+            msg = 'its skin is not the one that its config draws'
+            raise ValueError(msg)
 
     @property
     def estimators(self) -> dict[str, str]:
