@@ -4,11 +4,11 @@
 A sensor with physics is a forward model ``readings = h(state, parameters)`` with Gaussian priors
 on both. `calibrate` estimates the states of all frames and the shared parameters together: states
 are eliminated frame by frame by the Schur complement, so that its cost is linear in frames.
-`invert` estimates the state of each frame at fixed parameters, from several starts. Both give the
-Laplace covariance; that of the parameters widens every answer, and what a recording did not
-determine stays at its prior. Nuisance quantities (stray field, temperature, error of the baseline)
-are states with priors. Answers (force, torque, place) are functions of state and parameters;
-references of them enter the calibration with noise of their own and a robust loss.
+`invert` estimates the state of each frame at fixed parameters. Both give the Laplace covariance;
+that of the parameters widens every answer, and what a recording did not determine stays at its
+prior. Nuisance quantities (stray field, temperature, error of the baseline) are states with
+priors. Answers (force, torque, place) are functions of state and parameters; references of them
+enter the calibration with noise of their own and a robust loss.
 
 Sources: B. Triggs et al., Bundle adjustment, a modern synthesis (2000), sec. 6; J. Nocedal and
 S. Wright, Numerical Optimization (2006), ch. 10; C. Bishop, Pattern Recognition (2006), sec. 4.4.
@@ -461,19 +461,17 @@ def _posterior(
     free: Integers, p: Array, data: Array, root: Array, starts: Array, x: Array,
     out: Array, covariance: Array, costs: Array,
 ) -> float:  # fmt: skip
-    """Best state of every frame over its starts, and its answers; return the sum of costs."""
+    """Best state of every frame near its start, and its answers; return the sum of costs."""
     n, k, count = free.size, p.size, out.shape[1]
     a, b, none, square = np.empty((n, n)), np.empty((n, k)), np.empty(0), np.empty((0, 0))
     for s in range(x.shape[0]):
-        costs[s] = np.inf
-        for q in range(starts.shape[1]):
-            now = starts[s, q].copy()
-            cost = _descend(
-                readings, answers, y[s], none, noise[s], none, prior[s], information[s], free, p,
-                data, now, MOST_STEPS,
-            )  # fmt: skip
-            if cost < costs[s]:
-                costs[s], x[s] = cost, now
+        now, costs[s] = starts[s].copy(), np.inf
+        cost = _descend(
+            readings, answers, y[s], none, noise[s], none, prior[s], information[s], free, p, data,
+            now, MOST_STEPS,
+        )  # fmt: skip
+        if cost < np.inf:
+            costs[s], x[s] = cost, now
         _frame(
             readings, answers, y[s], none, noise[s], none, prior[s], information[s], free, x[s], p,
             data, a, b, square, np.empty(n), none,
@@ -490,13 +488,13 @@ def _posterior(
 
 @compiled
 def nearest(readings: Array, ways: Array, seen: Array, found: Integers) -> None:
-    """Write the rows (s, q) of a table that read what is nearest to readings (s, m), best first.
+    """Write the rows (s,) of a table that read what is nearest to readings (s, m).
 
     `seen` (g, d) are the readings of the table projected by `ways` (m, d); NaN counts as 0.
     """
-    point, size = np.empty(ways.shape[1]), np.empty(found.shape[1])
+    point = np.empty(ways.shape[1])
     for s in range(len(readings)):
-        point[:], size[:], found[s] = 0.0, np.inf, 0
+        point[:], size, found[s] = 0.0, np.inf, 0
         for m in range(ways.shape[0]):
             if np.isfinite(readings[s, m]):
                 for d in range(point.size):
@@ -505,22 +503,16 @@ def nearest(readings: Array, ways: Array, seen: Array, found: Integers) -> None:
             away = 0.0
             for d in range(point.size):
                 away += (seen[g, d] - point[d]) ** 2
-            q = size.size
-            while q > 0 and away < size[q - 1]:
-                q -= 1
-                if q + 1 < size.size:
-                    size[q + 1], found[s, q + 1] = size[q], found[s, q]
-            if q < size.size:
-                size[q], found[s, q] = away, g
+            if away < size:
+                size, found[s] = away, g
 
 
 def invert(model: ModelPrior, fit: Calibration, frames: Frames, starts: Array) -> Posterior:
     """Estimate the state of every frame by itself (MAP), and the answers that follow.
 
-    The best of the descents from starts (s, q, n) counts. A frame whose state is undetermined has
-    NaN.
+    Descents begin at starts (s, n). A frame whose state is undetermined has NaN.
     """
-    (count, _, n), wide = starts.shape, len(model.answer_noise)
+    (count, n), wide = starts.shape, len(model.answer_noise)
     x, out, costs = np.full((count, n), np.nan), np.full((count, wide), np.nan), np.empty(count)
     covariance = np.full((count, wide, wide), np.nan)
     _posterior(

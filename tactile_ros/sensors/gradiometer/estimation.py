@@ -66,7 +66,7 @@ TWO_SIGMA = 0.9545
 FARTHEST = 2.0  # times the largest that can be
 SCENES = 30  # states of the scene, over which terms are weighed
 WHOLE = 0.9  # of full scale
-MORE_STARTS, TINY = 4, 1e-12
+TINY = 1e-12
 
 
 class GradiometerEstimation(Estimation):
@@ -215,13 +215,13 @@ class GradiometerEstimation(Estimation):
         sensed = np.abs(disc.chip_axes(self.config)[:, :, [0, 2]]).max(axis=(0, 2))
         return np.asarray(sensed > 0.05)
 
-    def invert(self, frames: Frames, count: int = 1) -> Posterior:
-        """States and answers from the best of so many starts."""
+    def invert(self, frames: Frames) -> Posterior:
+        """States and answers, from the place of a table that reads most alike."""
         states, seen, ways = self._starts
-        found = np.empty((len(frames.readings), count), np.int64)
+        found = np.empty(len(frames.readings), np.int64)
         nearest(frames.readings, ways, seen, found)
         starts = states[found]
-        starts[:, :, disc.TILT :] = frames.prior[:, None, disc.TILT :]
+        starts[:, disc.TILT :] = frames.prior[:, disc.TILT :]
         return invert(self.model, self.fit_, frames, starts)
 
     def contact_from_sensor(self, signals: Signals) -> npt.NDArray[np.int8]:
@@ -236,7 +236,7 @@ class GradiometerEstimation(Estimation):
         if not rows.any():
             return contact
         frames = self._frames(signals, self.start()).of(np.flatnonzero(rows))
-        found = invert(self.model, self.fit_, frames, frames.prior[:, None])
+        found = invert(self.model, self.fit_, frames, frames.prior)
         sigma = np.sqrt(np.einsum('sii->si', found.answer_covariance))
         loads = np.array([name != 'position' for name, _ in self.answers_])
         felt = np.abs(found.answers) > np.maximum(SURELY * sigma, TOUCH * self.largest_)
@@ -476,7 +476,7 @@ class GradiometerEstimation(Estimation):
             information[row, disc.NEAR :] = 1 / max(size, disc.FIELD_LEAST)
         free = np.union1d(frames.free, np.arange(disc.NEAR, disc.STATES))
         beside = replace(frames, information=information, free=free)
-        return invert(model, fit, beside, states[:, None])
+        return invert(model, fit, beside, states)
 
     # -- use ---------------------------------------------------------------------------------
 
@@ -502,21 +502,14 @@ class GradiometerEstimation(Estimation):
         frames = self._frames(signals, memory)
         found = self.invert(frames)
         answers, covariance, states = found.answers, found.answer_covariance, found.states
-        flags = np.zeros(len(answers), np.int64)
         near = found.chi_square > self.threshold_
+        flags = near * STRAY_FIELD
         if np.count_nonzero(near):
             rows = np.flatnonzero(near)
-            part = frames.of(rows)
-            again = self.invert(part, MORE_STARTS)
-            better = again.chi_square <= self.threshold_
-            beside = self._invert_disturbed(part, again.states)
-            for own, one, two in (
-                (answers, again.answers, beside.answers), (states, again.states, beside.states),
-            ):  # fmt: skip
-                own[rows] = np.where(better[:, None], one, two)
-            wide = self.near_scale_[:, None] * self.near_scale_ * beside.answer_covariance
-            covariance[rows] = np.where(better[:, None, None], again.answer_covariance, wide)
-            flags[rows] |= ~better * STRAY_FIELD
+            beside = self._invert_disturbed(frames.of(rows), states[rows])
+            answers[rows], states[rows] = beside.answers, beside.states
+            wide = self.near_scale_[:, None] * self.near_scale_
+            covariance[rows] = wide * beside.answer_covariance
         if self.covariance_ is not None:
             # smooth functions of the place are no better than references are taken to be
             covariance = covariance + np.diag((disc.LEAST_NOISE * self.spread_) ** 2)
