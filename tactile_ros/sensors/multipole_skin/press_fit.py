@@ -175,7 +175,7 @@ def _fit_sheet(
     report = {'sheet': {'missed': missed, 'presses': float(len(known))}}
     if missed > NOT_THIS:
         return recogniser, presses, report
-    error = fit.expected(heads)
+    error = max(missed, fit.expected(heads))
     fitted = recogniser.changed(
         model=fit.model, common=fit.model.common, error=error, turnings=(fit.model.turning,)
     )
