@@ -173,9 +173,8 @@ def usable(windows: list[Array]) -> Bools:
 
 MODEL_ERROR = 0.03  # of what a chip sees, where no press determines it
 WEAKEST = 5.0  # sigma of the strongest reading
-WIDE = 2.5  # deviations of a turn that count as its range
+WIDE = np.sqrt(2 * np.pi)  # deviations that a Gaussian is wide
 STILL = 0.5  # of the noise: what frames do not average, where no press determines it
-AROUND = 5e-3  # m, within which heads may press beside those that were seen
 LEAST = np.array([1e-4, 1e-4, 1e-3])  # shares of these ranges
 TURNINGS = (0.0, 1.0)  # where no press tells
 FREE = 4  # parameters of a press that are fitted, beside a uniform field
@@ -320,10 +319,11 @@ class Recogniser:
 
     def template_scores(self, presses: Presses, matches: Matches) -> Array:
         """Twice the negative log-likelihood of every head, shape (n, heads)."""
-        # classes of presses that were seen press where they were seen, heads around there; a
-        # head that may turn has more templates, of which one fits noise well
+        assert self.model is not None
+        # classes of presses that were seen press where they were seen, heads all over the sheet;
+        # a head that may turn has more templates, of which one fits noise well
         sector = self.templates[0].sectors
-        room = np.column_stack([np.full((len(sector), 2), AROUND), sector])
+        room = np.column_stack([np.tile(self.model.size, (len(sector), 1)), sector])
         with np.errstate(invalid='ignore'):
             wide = matches.cov.diagonal(axis1=2, axis2=3)[..., :3] * np.square(WIDE / room)
             part = np.maximum(np.fmin(wide, 1.0), np.square(LEAST))  # NaN: 1
