@@ -56,6 +56,7 @@ class Finger:
         """Nothing is held, and nothing is known of the next object."""
         self.normal, self.sigma = nan, self._config.force_noise  # filtered force and noise (N)
         self.touching = False  # one whose force is not known keeps its last answer
+        self.steady = inf  # s since that changed
         self.on = 0.0  # level of contact (N)
         self.why = 'never came'  # its force cannot be used; empty: it can
         self.waited = 0.0  # for a new force (s)
@@ -146,11 +147,13 @@ class Finger:
     def sense(self, dt: float) -> None:
         """Take in the newest force, a time dt (s) after the last step."""
         self.waited += dt
+        touched = self.touching
         if self.new:
             self._take(self.waited)
             self.waited = 0.0
         elif not self.good:
             self.slip.invalidate()
+        self.steady = self.steady + dt if self.touching == touched else 0.0
 
     def _take(self, dt: float) -> None:
         """Take in a new force, a time dt (s) after its last."""

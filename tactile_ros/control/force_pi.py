@@ -138,8 +138,12 @@ class ForcePi:
         """Leave the command where it is."""
         self._wanted, self.limited = nan, False
 
-    def regulate(self, target: float, force: float, dt: float, unseen: float = 0.0) -> float:
+    def regulate(
+        self, target: float, force: float, dt: float, unseen: float = 0.0, share: float = 1.0
+    ) -> float:
         """Command that brings a force to a target (N); `unseen` (s) brought no new force.
+
+        Errors count by a `share`; what a target moves by counts whole.
 
         Where the drive's own gain is known, a target that moves goes to the command at once, and
         to the error as the plant follows.
@@ -147,10 +151,10 @@ class ForcePi:
         begins, soft = not isfinite(self._integral), self.plant.is_soft
         if begins:
             self._goal = self._follows = target
-        share = 1.0 - exp(-(dt + unseen) / self.reaction) if soft else 1.0
-        self._follows += share * (target - self._follows)
+        near = 1.0 - exp(-(dt + unseen) / self.reaction) if soft else 1.0
+        self._follows += near * (target - self._follows)
         most = self.config.force_high
-        error = bounded(self._follows - force, -most, most)
+        error = share * bounded(self._follows - force, -most, most)
         gain = self.config.lag / (self.stiffness.cautious * self.config.loop_time)
         if begins:
             start = self._from if isfinite(self._from) else self.command

@@ -24,6 +24,7 @@ SLIP_RAISE = 2.0  # factor on the target at a slip
 AHEAD = 0.75  # of what is asked, by which a raise may be ahead of the force
 AHEAD_FULL = 0.1  # the same of a finger whose drive gives all it can
 SLIP_PAUSE = 0.08  # s from one raise to the next
+BOUNCE = 0.05  # s for which a finger may lift off, or must touch, to count
 MOST = 5.0  # largest raised target, in asked targets
 MOST_LOAD = 3.0  # the same without a slip: fingers that press askew load each other
 MOST_UNFRAMED = 1.2  # the same where no normal of the contact is measured
@@ -86,7 +87,7 @@ class GripTargets:
 
         Returns whether they are others than before.
         """
-        press = [finger.used and finger.touching for finger in self._fingers]
+        press = [f.used and (f.touching or f.steady < BOUNCE) for f in self._fingers]
         wanted = {finger.side for finger in self._fingers if finger.used}
         sides = {f.side for f, one in zip(self._fingers, press, strict=True) if one}
         if sides != wanted or press == self._pressing:
@@ -110,18 +111,20 @@ class GripTargets:
 
         A raise waits for the slowest finger, so that drives that can give no more stop all. Where
         a drive gives all its torque (`full`) a raise would push the object to its side. What a
-        drive at its limit does not reach is wanted no more: it would be tried for ever.
+        drive at its limit does not reach is wanted no more: it would be tried for ever. A finger
+        that has just touched has no say: one that bounces would end the raise.
         """
         if self._adapt:
             self._answer(dt)
         step = self._rate * dt * (RAISING if self._raise > 1.0 else 1.0)
         reached, factor = True, self._raise
         for finger in self._fingers:
-            if finger.asked > 0.0 and factor > 1.0 and finger.pressing:
+            if finger.asked > 0.0 and factor > 1.0 and finger.pressing and finger.steady >= BOUNCE:
                 ahead = AHEAD_FULL if finger.law.full else AHEAD
-                factor = min(factor, max(finger.normal / finger.asked + ahead, 1.0))
-                if finger.law.full and factor < self._raise:
-                    self._raise = self._most = factor
+                bound = max(finger.normal / finger.asked + ahead, 1.0)
+                factor = min(factor, bound)
+                if finger.law.full and bound < self._raise:
+                    self._raise = self._most = bound
         for finger in self._fingers:
             ahead = factor * finger.asked - finger.target
             if full and ahead > 0.0 and finger.target >= finger.asked:
@@ -139,7 +142,7 @@ class GripTargets:
         if strongest <= 0.0:
             return
         most = max(min(self._most, self.config.force_high / strongest), 1.0)
-        self._most = min(self._most + dt * MOST / self.config.relax_time, MOST)
+        self._most = min(self._most + dt / self.config.relax_time, MOST)
         self._since += dt
         needed, slipping = 1.0, False
         for finger in self._fingers:

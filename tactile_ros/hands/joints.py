@@ -186,14 +186,16 @@ class HandJoints:
         by_effort = np.array([finger.force_of(held[place]) for finger, place in self._drives])
         return np.where(np.isnan(by_effort), by_lead, np.minimum(by_lead, by_effort))
 
-    def take_effort(self, lead: Array, effort: Array | None) -> None:
+    def take_effort(self, lead: Array, effort: Array | None, since_s: float) -> None:
         """Learn from efforts (j,) at leads (j,) where a drive gives no more torque.
 
-        Commands that have moved lately tell nothing: when they came to the drive is not known.
+        Commands that have moved since a time (s) tell nothing: when they came to the drive is not
+        known.
         """
         if effort is None or not self._scale or not self._sent:
             return
-        moved = np.ptp([sent for _, sent in self._sent], axis=0)
+        recent = [sent for at_s, sent in self._sent if at_s >= since_s]
+        moved = np.ptp(recent or [lead], axis=0)
         moved = np.maximum(moved, np.abs(lead - self._last_lead))  # damping is no gain
         self._last_lead = lead
         firm = np.abs(lead) > np.maximum(LEADING, moved / STEADY)

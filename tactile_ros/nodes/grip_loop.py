@@ -41,6 +41,7 @@ LATE = 1.5  # periods after which nobody is waited for
 # s: a loop that is a little late lacks no force, and a step of the clock would delay it further
 LEAST_LATE_S = 7.5e-3
 EARLY = 0.25  # of a period; frames jitter
+LATEST = 2.5  # dead times after which a command has come to its drive, whatever was stated
 BACK = 2.0  # periods by which a stamp lies before its time where its clock was set back
 AHEAD_S = 2e-3  # a stamp may lie so far in the future: two clocks are read one after another
 OLDEST_S = 1.0  # first message that may tell that clocks agree
@@ -312,7 +313,8 @@ class GripLoop:
         hindered = blocked or self._hindered(now_s, elapsed)
         lead = self._lead()
         if np.isfinite(self.sent).all():
-            self._joints.take_effort(lead, self._effort)
+            came_s = now_s - LATEST * self.config.dead_time
+            self._joints.take_effort(lead, self._effort, came_s)
         made = self.law.step(self._given(now_s, hindered, lead), dt)
         self._held_ns = min(self._held_ns, stamp_ns) if self.law.phase in HOLDING else inf
         command, limited, refusal = None, made.limited, blocked or made.refusal

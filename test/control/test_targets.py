@@ -125,3 +125,41 @@ def test_grip_targets_forget_one_false_word_of_slip() -> None:
         run.feel()
         run.grow(1)
     assert run.finger.target - 2.0 <= 0.01 * (raised - 2.0)
+
+
+def test_a_finger_that_bounces_neither_ends_a_raise_nor_gives_its_share_away() -> None:
+    run = Run(1.0, load=0.4)
+    made = run.grow(100)
+    run.finger.touching, run.finger.steady = True, 0.02  # again, and its filter begins at 0.1 N
+    run.finger.law.full = True
+    assert run.grow(3, force=0.1) > 0.98 * made
+    run.finger.steady = 1.0
+    assert run.grow(100, force=0.1) < 0.5 * made
+    fingers = [Finger(CONFIG, ForcePi(CONFIG, Drive(5.0, 300.0)), side=s) for s in (1, 1, -1)]
+    targets = GripTargets(CONFIG, fingers)
+    targets.begin([2.0] * 3, adapt=False)
+    for finger in fingers:
+        finger.touching = finger is not fingers[1]
+    fingers[1].steady = 0.02
+    assert not targets.share()
+    fingers[1].steady = 0.1
+    assert targets.share()
+
+
+def test_a_weaker_finger_of_other_drives_does_not_end_a_raise_for_good() -> None:
+    made = []
+    for full in (0, 1):
+        fingers = [Finger(CONFIG, ForcePi(CONFIG, Drive(5.0, 300.0)), side=s) for s in (1, -1)]
+        targets = GripTargets(CONFIG, fingers)
+        targets.begin([1.0] * 2, adapt=True)
+        for finger in fingers:
+            finger.touching, finger.why = True, ''
+            finger.given = FingerInput(2.0, 0.4, True, 0, 0.0, framed=True)
+            finger.slip.step(2.0, 0.4, 0, NOISE, 0.01)
+        fingers[full].law.full = True
+        for weak in (2.0, 0.5, 2.0):  # of the first, for a moment
+            for _ in range(20):
+                fingers[0].normal, fingers[1].normal = weak, 2.5
+                targets.grow(full=False, dt=0.01)
+        made.append(fingers[1].target)
+    assert made[0] < 1.5 < 2.3 < made[1]

@@ -98,11 +98,11 @@ def test_hand_joints_learn_a_full_drive_from_efforts_and_no_late_command(
         lead = made.lead(measured, None, now, 0.02)
         late_lead = made.lead(measured, None, now - late, 0.02)  # what the drive has by then
         effort = np.clip(3.0 * np.nan_to_num(late_lead), -clip, clip)
-        made.take_effort(lead, effort)
+        made.take_effort(lead, effort, now - 0.05)
         guarded = made.command(closure, blank, [0.0], measured, np.nan * start, 0.01, 0.01, now)
         last = guarded.position
     assert guarded.clipped == [full]
-    made.take_effort(np.zeros(16), np.zeros(16))  # what leads by nothing is at no limit
+    made.take_effort(np.zeros(16), np.zeros(16), now)  # what leads by nothing is at no limit
     again = made.command(closure, blank, [0.0], last, np.nan * start, 0.01, 0.01, now + 0.01)
     assert again.clipped == [False]
 
@@ -260,3 +260,22 @@ def test_mock_hand_follows_with_its_lag_its_speed_and_its_limits() -> None:
     assert track[8, 0] == 1.0
     assert track[19, 0] == pytest.approx(0.67, abs=0.03)
     assert track[30] == pytest.approx([0.4, 1.0], abs=1e-6)
+
+
+def test_hand_joints_see_a_full_drive_while_its_command_still_rises() -> None:
+    hand = load_hand('allegro_v5_pinch')
+    made = HandJoints(hand, ['thumb'])
+    start = hand.posture('open', np.zeros(16))
+    wanted, blank, last, seen = made.closures_of(start), np.full(1, np.nan), start, np.inf
+    for k in range(200):
+        now = 0.01 * k
+        measured = start if k > 20 else last
+        lead = made.lead(measured, None, now, 0.02)
+        made.take_effort(lead, np.clip(3.0 * np.nan_to_num(lead), -0.3, 0.3), now - 0.05)
+        guarded = made.command(
+            wanted + 0.2 * now, blank, [0.0], measured, np.nan * start, 0.01, 0.01, now
+        )
+        last = guarded.position
+        if guarded.clipped == [True] and np.isinf(seen):
+            seen = now
+    assert seen < 1.9
