@@ -103,24 +103,32 @@ def _object_rows(seeds: list[int]) -> list[Row]:
 
 def _drawn_rows(seeds: list[int]) -> list[Row]:
     """Share of objects held and kept by hands whose drives are not those of their file."""
-    held, kept = [], []
-    for seed in seeds:
-        rng, ends = np.random.default_rng(seed), []
-        for draw in range(DRAWS):
-            about = {'kind': OBJECTS[draw % 4], 'friction': rng.uniform(*FRICTIONS[::2])}
-            one = _held(rng.uniform(1.0, 2.0), **about, seed=1000 * seed + draw, drawn=True)
-            ends.append([one is not None, False])
-            if one is not None:
-                one.hand_over(PULL)
-                one.run(HOLDS)
-                ends[-1][1] = one.moved < world.DROPPED
-        for column, share in zip((held, kept), np.mean(ends, axis=0), strict=True):
-            column.append(float(share))
-    what = 'gains, clips and dead time drawn'
-    return [
-        _row(f'{what}: held', '1', held, 0.95, 'high'),
-        _row(f'{what}: kept', '1', kept, 0.9, 'high'),
-    ]
+    rows = []
+    for drive, name, objects, aims in (
+        ('stiff', '', OBJECTS[:4], (0.95, 0.9)),
+        ('v4', 'V4: ', ('beam',), (None, None)),
+    ):
+        held, kept = [], []
+        for seed in seeds:
+            rng, ends = np.random.default_rng(seed), []
+            for draw in range(DRAWS):
+                about = {'kind': objects[draw % len(objects)], 'drive': drive}
+                friction, force = rng.uniform(*FRICTIONS[::2]), rng.uniform(1.0, 2.0)
+                number = 1000 * seed + draw
+                one = _held(force, **about, friction=friction, seed=number, drawn=True)
+                ends.append([one is not None, False])
+                if one is not None:
+                    one.hand_over(PULL)
+                    one.run(HOLDS)
+                    ends[-1][1] = one.moved < world.DROPPED
+            for column, share in zip((held, kept), np.mean(ends, axis=0), strict=True):
+                column.append(float(share))
+        what = f'{name}gains, clips and dead time drawn'
+        rows += [
+            _row(f'{what}: held', '1', held, aims[0], 'high'),
+            _row(f'{what}: kept', '1', kept, aims[1], 'high'),
+        ]
+    return rows
 
 
 def _held(force: float = FORCE, **about: object) -> object | None:

@@ -15,7 +15,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from scipy.special import elliprf, elliprj
 
 from tactile_ros.physics.fidelity import DISC_COST, Model
@@ -80,15 +79,19 @@ def in_chip_axes(field: Array, rotations: Array | None) -> Array:
 
 
 def rotations(vectors: Array) -> Array:
-    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) (rad).
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) (rad), by Rodrigues.
 
     Examples
     --------
     >>> rotations(np.array([0.0, 0.0, np.pi / 2])).round(9)[:, 0] + 0.0
     array([0., 1., 0.])
     """
-    turned = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix()
-    return np.asarray(turned.reshape(*vectors.shape, 3))
+    angle = np.linalg.norm(vectors, axis=-1)[..., None, None]
+    cross = np.zeros((*vectors.shape, 3))
+    cross[..., 2, 1], cross[..., 0, 2], cross[..., 1, 0] = np.moveaxis(vectors, -1, 0)
+    cross = cross - np.swapaxes(cross, -1, -2)
+    once, twice = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
+    return np.asarray(np.eye(3) + once * cross + twice * (cross @ cross))
 
 
 def cuboid_field(points: Array, size: Array, polarisation: Array) -> Array:
