@@ -21,7 +21,7 @@ from tactile_ros.devices.framed_protocol import (
     taxel_matrix,
     three_axis_chips,
 )
-from tactile_ros.devices.mlx90393 import ChipPlace, ChipSettings, Decoder, clusters
+from tactile_ros.devices.mlx90393 import ChipPlace, ChipSettings, Decoder
 from tactile_ros.devices.reskin_protocol import ReskinDecoder
 from tactile_ros.devices.simulated_i2c import ChipArrayTwin
 from tactile_ros.devices.timestamps import VirtualClock
@@ -34,7 +34,9 @@ AIMS: dict[Mode, float] = {'single': 104.0, 'burst': 180.0}
 def bus_rows() -> list[Row]:
     """Twenty chips on one bus of 400 kHz, with and without a switch, on the virtual clock."""
     wirings = {
-        'behind a switch': clusters(),
+        'behind a switch': [
+            ChipPlace(0x0C + chip, 0, 0x70, channel) for channel in range(5) for chip in range(4)
+        ],
         'on one bus without a switch': [ChipPlace(0x0C + i) for i in range(20)],
     }
     rows = []
