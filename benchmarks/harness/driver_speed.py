@@ -11,6 +11,7 @@ import numpy as np
 from benchmarks.harness.fuzz import PIECE, cut
 from benchmarks.harness.live import resident_kib
 from benchmarks.harness.rows import Row, shortest
+from reference.wires import clusters
 from tactile_ros.devices import framed_protocol, reskin_protocol
 from tactile_ros.devices.chip_array import Mode
 from tactile_ros.devices.framed_protocol import (
@@ -34,9 +35,7 @@ AIMS: dict[Mode, float] = {'single': 104.0, 'burst': 180.0}
 def bus_rows() -> list[Row]:
     """Twenty chips on one bus of 400 kHz, with and without a switch, on the virtual clock."""
     wirings = {
-        'behind a switch': [
-            ChipPlace(0x0C + chip, 0, 0x70, channel) for channel in range(5) for chip in range(4)
-        ],
+        'behind a switch': clusters(),
         'on one bus without a switch': [ChipPlace(0x0C + i) for i in range(20)],
     }
     rows = []

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from reference import multipole_world as world
-from tactile_ros.estimators.few_shot import Prototypes
 from tactile_ros.estimators.grid_knn import GridKnn
+from tactile_ros.estimators.prototypes import Prototypes
 from tactile_ros.types import Array, Integers, Outline
 
 SKIN = 100  # seed of the skin that the networks are trained on

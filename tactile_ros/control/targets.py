@@ -112,7 +112,7 @@ class GripTargets:
         A raise waits for the slowest finger, so that drives that can give no more stop all. Where
         a drive gives all its torque (`full`) a raise would push the object to its side. What a
         drive at its limit does not reach is wanted no more: it would be tried for ever. A finger
-        that has just touched has no say: one that bounces would end the raise.
+        that has just touched does not count: one that bounces would end the raise.
         """
         if self._adapt:
             self._answer(dt)

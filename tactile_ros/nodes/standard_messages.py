@@ -17,6 +17,7 @@ from tactile_ros import messages
 from tactile_ros.messages import UnknownAs
 from tactile_ros.msg import TactileContact, TactileContacts
 from tactile_ros.nodes.lifecycle import ManagedNode, qos
+from tactile_ros.physics.magnetics import in_sensor_axes
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import SensorSpec
 from tactile_ros.types import (
@@ -29,7 +30,6 @@ from tactile_ros.types import (
     Layout,
     Recording,
 )
-from tactile_ros.view.viewer import in_sensor_axes
 
 LISTENERS_NS = 9_000_000  # of the stream, within which nobody is asked again whether he listens
 FIELD_TOPIC = 'magnetic_field/chip_{}'  # no part of a topic's name may begin with a digit
@@ -225,7 +225,7 @@ class FrameViews:
         heard = {t: p for t, p in self._publishers.items() if p.get_subscription_count()}
         if heard and self._chips:
             header = header_of(frame.stamp_ns, frame_id)
-            field = in_sensor_axes(self._layout, frame.values)
+            field = in_sensor_axes(frame.values, self._layout.rotations)
         for topic, publisher in heard.items():
             if topic == IMAGE_TOPIC:
                 message = image_of(frame, self._grid, frame_id)

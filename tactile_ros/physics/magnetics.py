@@ -78,6 +78,11 @@ def in_chip_axes(field: Array, rotations: Array | None) -> Array:
     return field if rotations is None else np.einsum('tji,...tj->...ti', rotations, field)
 
 
+def in_sensor_axes(readings: Array, rotations: Array | None) -> Array:
+    """Readings (..., t, 3) of chips turned by `rotations` (t, 3, 3) in axes of their sensor."""
+    return readings if rotations is None else np.einsum('tij,...tj->...ti', rotations, readings)
+
+
 def rotations(vectors: Array) -> Array:
     """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) (rad), by Rodrigues.
 

@@ -23,8 +23,9 @@ import numpy as np
 
 from tactile_ros.errors import TactileError
 from tactile_ros.messages import Message
+from tactile_ros.physics.magnetics import in_sensor_axes
 from tactile_ros.types import Array, Closing, ContactState, Frame, FrameStatus, Layout, TaxelStatus
-from tactile_ros.view.viewer import HOST, Seen, grip_scalars, in_sensor_axes, sigma_of
+from tactile_ros.view.viewer import HOST, Seen, grip_scalars, sigma_of
 
 Json = dict[str, object]
 
@@ -108,7 +109,7 @@ def frame_json(shown: Shown) -> Json:
     """Numbers of one frame as the page draws them (SI); null where they are not estimated."""
     state, layout = shown.state, shown.layout
     change = shown.frame.values - shown.rest
-    change = in_sensor_axes(layout, change) if change.shape[1] == 3 else change
+    change = in_sensor_axes(change, layout.rotations) if change.shape[1] == 3 else change
     status = state.taxel_status
     return {
         't': (shown.frame.stamp_ns or 0) * 1e-9,

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from tactile_ros.errors import MissingPackageError, TactileError
 from tactile_ros.messages import Message
+from tactile_ros.physics.magnetics import in_sensor_axes
 from tactile_ros.types import Array, Closing, ContactState, Frame, Layout
 
 if TYPE_CHECKING:
@@ -48,12 +49,6 @@ def shade(change: Array, most: float) -> Array:
     """Colours (t, 3), 0 to 1, of a change (t, c): cold to warm at `most`, grey not measured."""
     share = np.clip(np.linalg.norm(change, axis=1) / most, 0.0, 1.0)[:, None]
     return np.where(np.isnan(share), GREY[:3], COLD + share * (WARM - COLD))
-
-
-def in_sensor_axes(layout: Layout, change: Array) -> Array:
-    """Change (t, 3) of chips turned from their own axes to the sensor's."""
-    turns = layout.rotations
-    return change if turns is None else np.einsum('tij,tj->ti', turns, change)
 
 
 class Scene:
@@ -129,7 +124,7 @@ class Scene:
             self._ball(place, np.full(3, 0.175 * pitch), (*shades, 0.9))
         if layout.unit == 'T' and len(layout.channels) == 3:
             length = ARROW * max(float(np.ptp(layout.positions, axis=0).max()), 2 * pitch) / most
-            turned = in_sensor_axes(layout, change)
+            turned = in_sensor_axes(change, layout.rotations)
             for i in np.flatnonzero(np.isfinite(turned).all(axis=1)):
                 self._arrow(layout.positions[i], turned[i] * length, GREY)
 

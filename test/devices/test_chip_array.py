@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from smbus2 import i2c_msg
 
+from reference.wires import clusters
 from tactile_ros.devices.chip_array import ChipArray, Mode, carried_hz
 from tactile_ros.devices.connections import ChipConnection
 from tactile_ros.devices.mlx90393 import ChipPlace, ChipSettings
@@ -24,11 +25,6 @@ from tactile_ros.types import Frame, Layout, TaxelStatus
 EPOCH_NS = 1_700_000_000_000_000_000
 ROW = np.array([1e-3, 2e-3, -1e-3])
 both_modes = pytest.mark.parametrize('mode', ['single', 'burst'])
-
-
-def clusters(count: int = 5) -> list[ChipPlace]:
-    """Places of clusters of four chips behind the channels of one switch."""
-    return [ChipPlace(a, 0, 0x70, i) for i in range(count) for a in range(0x0C, 0x10)]
 
 
 def layout_of(taxels: int, rate_hz: float = float('nan')) -> Layout:

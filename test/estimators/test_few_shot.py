@@ -9,13 +9,13 @@ import pytest
 from tactile_ros.estimators import few_shot
 from tactile_ros.estimators.few_shot import (
     Presses,
-    Prototypes,
     SupportSet,
     press_pattern,
     prototype_scores,
     support_scores,
 )
 from tactile_ros.estimators.press_templates import template_rows
+from tactile_ros.estimators.prototypes import Prototypes
 
 D = 24
 NOISE = np.full(D, 3e-6)

@@ -22,9 +22,9 @@ from tactile_ros.nodes.standard_messages import (
     grid_of,
     image_of,
 )
+from tactile_ros.physics.magnetics import in_sensor_axes
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import ContactState, Frame, Layout
-from tactile_ros.view.viewer import in_sensor_axes
 
 if TYPE_CHECKING:
     from conftest import Ros
@@ -131,7 +131,7 @@ def test_fields_are_turned_into_the_axes_of_the_sensor() -> None:
     )
     FrameViews(node, layout, magnetic_field=True, image=True)  # type: ignore[arg-type]
     assert made == ['magnetic_field/chip_0', 'magnetic_field/chip_1']
-    got = in_sensor_axes(layout, np.array([[1.0, 2.0, 3.0], [1.0, 2.0, 3.0]]))
+    got = in_sensor_axes(np.array([[1.0, 2.0, 3.0], [1.0, 2.0, 3.0]]), layout.rotations)
     np.testing.assert_allclose(got, [[1, 2, 3], [-2, 1, 3]])
     FrameViews(node, Layout(np.zeros((2, 3)), ('Bx', 'Bz'), 'T'), True, True)  # type: ignore[arg-type]
     assert len(made) == 2

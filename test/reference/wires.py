@@ -1,9 +1,16 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""An I2C bus without chips."""
+"""An I2C bus without chips, and places of chips behind a switch."""
 
 import ctypes
 
 from smbus2 import i2c_msg
+
+from tactile_ros.devices.mlx90393 import ChipPlace
+
+
+def clusters(count: int = 5) -> list[ChipPlace]:
+    """Places of clusters of four chips behind the channels of one switch."""
+    return [ChipPlace(a, 0, 0x70, i) for i in range(count) for a in range(0x0C, 0x10)]
 
 
 class Wires:

@@ -16,7 +16,8 @@ Meta-learning Model.
 from __future__ import annotations
 
 from tactile_ros.estimators.covariance import CovarianceModel
-from tactile_ros.estimators.few_shot import Prototypes, SupportSet
+from tactile_ros.estimators.few_shot import SupportSet
+from tactile_ros.estimators.prototypes import Prototypes
 from tactile_ros.estimators.sheet_calibration import SkinModel
 from tactile_ros.sensors.multipole_skin.config import MultipoleSkinConfig, layout
 from tactile_ros.sensors.multipole_skin.estimation import MultipoleEstimation

@@ -19,7 +19,6 @@ import numpy as np
 
 from tactile_ros.estimators.embedding import Embedding
 from tactile_ros.estimators.few_shot import (
-    Prototypes,
     SupportSet,
     prototype_scores,
     share_of,
@@ -27,6 +26,7 @@ from tactile_ros.estimators.few_shot import (
     without_field,
 )
 from tactile_ros.estimators.press_templates import PressBank
+from tactile_ros.estimators.prototypes import Prototypes
 
 if TYPE_CHECKING:
     from tactile_ros.estimators.covariance import CovarianceModel

@@ -1,0 +1,49 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
+"""Classes by the mean features of their few presses: prototypes, [1] eq. (2) and (3).
+
+Eq. (3) is printed with +d, which picks the farthest class; -d is meant. As distances are sums of
+hundreds of squares, exp underflows: probabilities stay logarithms.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from tactile_ros.types import Array, Integers
+
+
+class Prototypes:
+    """Nearest class means.
+
+    Examples
+    --------
+    >>> found = Prototypes().fit(np.array([[0.0], [1.0], [9.0]]), np.array([3, 3, 7]))
+    >>> found.predict(np.array([[2.0], [8.0]])).tolist()
+    [3, 7]
+    """
+
+    classes_: Integers  # (k,) in rising order
+    means_: Array  # (k, p) eq. (2), by the shots of each class.
+
+    def fit(self, features: Array, labels: Integers) -> Prototypes:
+        """Learn from features (n, p) of presses with labels (n,)."""
+        self.classes_ = np.unique(labels)
+        self.means_ = np.stack([features[labels == label].mean(axis=0) for label in self.classes_])
+        return self
+
+    def squared_distances(self, features: Array) -> Array:
+        """Squared distances (n, k) of features (n, p) from the means."""
+        return np.asarray(np.square(features[:, None] - self.means_).sum(axis=2))
+
+    def log_probability(self, features: Array) -> Array:
+        """Logarithm of the probability of every class (n, k), eq. (3) with -d."""
+        away = self.squared_distances(features)
+        away = away - away.min(axis=1, keepdims=True)
+        return np.asarray(-away - np.log(np.exp(-away).sum(axis=1, keepdims=True)))
+
+    def predict(self, features: Array) -> Integers:
+        """Class (n,) of features (n, p); of equally near ones the lowest."""
+        return np.asarray(self.classes_[self.log_probability(features).argmax(axis=1)])
