@@ -79,7 +79,7 @@ def read(path: str | Path) -> Arrays:
         raise CalibrationError(msg) from error
     version = arrays.pop('schema', np.zeros(0))
     if version.shape != () or version.dtype.kind not in 'iu' or version != SCHEMA:
-        found = repr(version.tolist())[:40] if version.size else 'none'
+        found = repr(version.tolist())[:40] if version.size else 'none (a recording?)'
         msg = f'calibration {target} must have schema {SCHEMA}; received {found}; calibrate again'
         raise CalibrationError(msg)
     if str(arrays.pop('sha256', '')) != digest(arrays):

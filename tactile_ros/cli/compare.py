@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Judge every competitor, compare each with the first, print and draw."""
     names, output = options.competitors, options.output
-    if len(set(names)) < max(len(names), 2):
+    if len({*map(os.path.realpath, names)}) < max(len(names), 2):
         raise ValueError(f'compare needs two competitors or more, each once; received {names}')
     if len({*map(os.path.realpath, options.on or ())}) < len(options.on or ()):
         raise ValueError(f'--on must name each recording once; received {", ".join(options.on)}')

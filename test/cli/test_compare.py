@@ -50,6 +50,8 @@ def test_a_page_or_a_drawing_is_written(
         (['a.npz', 'b.npz'], 2, 'name the recordings to compare on'),
         (['a.npz'], 2, 'two competitors or more'),
         (['a.npz', 'a.npz', *ON], 2, 'each once'),
+        (['a.npz', './a.npz', *ON], 2, 'each once'),
+        (['a.npz', 'presses.npz', *ON], 1, 'received none (a recording?)'),
         (['a.npz', 'mean', *ON], 2, 'mean is no file and no estimator of'),
         (['ridge', 'grid_knn', *ON], 2, 'add --sensor'),
         (['a.npz', 'gone.npz', *ON], 1, 'gone.npz does not exist'),
