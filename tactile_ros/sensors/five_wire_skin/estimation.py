@@ -15,7 +15,6 @@ from tactile_ros.estimators.model_selection import held_out_report, select
 from tactile_ros.estimators.potential_map import PotentialMap
 from tactile_ros.estimators.power_law_force import PowerLawForce
 from tactile_ros.estimators.rbf_force import RbfForce
-from tactile_ros.estimators.regression import Ridge
 from tactile_ros.physics.resistive_sheet import SeriesResistance, linear_place
 from tactile_ros.sensors.five_wire_skin.config import FiveWireSkinConfig
 from tactile_ros.sensors.five_wire_skin.film import (
@@ -34,6 +33,7 @@ from tactile_ros.sensors.regression import (
     longest_hold,
     missing_history,
     missing_loads,
+    places_of,
 )
 from tactile_ros.types.contracts import Estimation, Estimator, Report, Signals
 from tactile_ros.types.frame import Array, Bools, Columns, FrameStatus, Integers
@@ -44,9 +44,7 @@ CONSTANT = 1e-6  # of the supply: readings that move less are one constant, in 1
 LEAST_EXTENT = 0.02  # of the sheet: deviation of places in every direction
 LEAST_RANGE = 0.1  # of the largest force
 LEAST_DIVIDER = 1e-4
-SAME_PLACE, MOST_SINGLE = 1e-5, 0.3  # m; places per touch above which touches are the groups
 CONTINUES, ENDS = 1.1, 1.4  # times the largest force: curve is continued, sigma is the force
-USEFUL = 0.9  # of the standard deviation of shear; a regression that leaves more is none
 LONGEST = 4.0  # times the longest hold: slowest creep that it shows
 WORTH = 0.97  # of the static error; creep that takes off less is none
 FOR_PLACE, FOR_FORCE, CELL = 25, 49, 0.05  # places for a map and a film; of the sheet: one place
@@ -69,7 +67,7 @@ class LinearPlace:
 
 
 class Choice:
-    """Estimator of one quantity, chosen on held-out groups, with the covariance of its error.
+    """Estimator in use for one quantity, with the covariance of its error.
 
     A model states its own covariance and errors on held-out groups in closed form; that of any
     other estimator follows from its out-of-fold errors.
@@ -84,26 +82,21 @@ class Choice:
         self.covariance_ = CovarianceModel()
         self.report_ = {}
 
-    def fit(
-        self, plain: Estimator, x: Array, y: Array, groups: Integers,
-        model: PotentialMap | PowerLawForce | None = None,
-    ) -> Choice:  # fmt: skip
-        """Choose by features (s, d) and targets (s, k) between a plain estimator and a model."""
-        choice = select({NAMES[type(plain)]: plain}, x, y, groups)
-        self.name, errors, off = choice.name, dict(choice.errors), choice.residuals
-        self.estimator_, self.nominal_ = plain.fit(x, y, groups), None
-        self.covariance_.fit(off, None, choice.groups, choice.x)
-        sigma = np.sqrt(np.einsum('sii->si', self.covariance_.predict(None, choice.x)[0]))
-        if model is not None:
-            error, stated = model.fit_held_out(x, y, groups)
-            error = error.reshape(len(x), -1)
-            name = NAMES[type(model)]
-            errors[name] = float(np.sqrt(np.nanmean((error**2).sum(axis=1))))
-            if errors[name] <= errors[self.name]:
-                self.name, self.estimator_, off = name, model, error
-                sigma = np.sqrt(stated if stated.ndim == 1 else np.einsum('sii->si', stated))
-                sigma = sigma.reshape(off.shape)
-        self.report_ = held_out_report(off, sigma, groups, len(x), errors)
+    def fit(self, x: Array, y: Array, groups: Integers) -> Choice:
+        """Learn from features (s, d) and targets (s, k)."""
+        if isinstance(self.estimator_, PotentialMap | PowerLawForce):
+            off, stated = self.estimator_.fit_held_out(x, y, groups)
+            off = off.reshape(len(x), -1)
+            variance = stated if stated.ndim == 1 else np.einsum('sii->si', stated)
+        else:
+            trial = select({self.name: self.estimator_}, x, y, groups)
+            self.estimator_.fit(x, y, groups)
+            off = trial.residuals
+            self.covariance_.fit(off, None, trial.groups, trial.x)
+            variance = np.einsum('sii->si', self.covariance_.predict(None, trial.x)[0])
+        self.report_ = held_out_report(
+            off, np.sqrt(variance).reshape(off.shape), groups, len(x), {}
+        )
         return self
 
     def predict(self, x: Array) -> tuple[Array, Array]:
@@ -116,18 +109,11 @@ class Choice:
         return mean, self.covariance_.predict(None, x)[0]
 
 
-NAMES: dict[type, str] = {
-    LinearPlace: 'linear', PotentialMap: 'harmonic', RbfForce: 'rbf', PowerLawForce: 'power',
-    Ridge: 'ridge',
-}  # fmt: skip
-
-
 class FiveWireEstimation(Estimation):
     """Estimators of the five-wire skin.
 
     `estimator` is one of `ESTIMATORS`: a regressor of the readings; 'printed', the formula and
-    the network of [5]; None: the model of sheet and film, unless the formula or the network errs
-    less on held-out places.
+    the network of [5]; None: the models of sheet and film.
     """
 
     def __init__(self, config: FiveWireSkinConfig, estimator: str | None = None) -> None:
@@ -149,7 +135,6 @@ class FiveWireEstimation(Estimation):
         self.force_: Choice | None = None
         self.most_ = np.inf  # largest force of the fit (N)
         self.creep_: FilmCreep | None = None
-        self.shear_: Choice | None = None
         self.coverage_: Report = {}
 
     @property
@@ -165,7 +150,7 @@ class FiveWireEstimation(Estimation):
         """Errors on held-out places, the threshold of contact, and what was not recorded."""
         if self.others_ is not None:
             return {**self.others_.report, **self.coverage_}
-        heads = {'position_xy': self.place_, 'force_z': self.force_, 'force_xy': self.shear_}
+        heads = {'position_xy': self.place_, 'force_z': self.force_}
         known = {title: head.report_ for title, head in heads.items() if head is not None}
         known['contact'] = self.touch_.report_
         if self.creep_ is not None:
@@ -190,10 +175,10 @@ class FiveWireEstimation(Estimation):
         if self.others_ is not None:
             self.others_.fit(_divider_less_rest(signals, x), truth, groups)
         else:
-            group = _groups(position, signals.good, np.asarray(groups['group'], np.int64))
+            places = places_of(np.where(signals.good[:, None], position[:, :2], np.nan))
+            group = np.asarray(groups['group'], np.int64) if places is None else places
             self._fit_place(x, position, group, signals.good)
             self._fit_force(signals, x, position, force, group)
-            self._fit_shear(x, force, group, signals.good)
         share = 0.0 if self.creep_ is None else -float(self.creep_.shares_.sum())
         self.coverage_ = _coverage(self.size, signals, position, force, share)
 
@@ -236,8 +221,6 @@ class FiveWireEstimation(Estimation):
         force[:, 2], covariance[:, 2, 2] = value, variance
         untouched = signals.in_contact == 0
         force[untouched, 2], covariance[untouched, 2, 2] = 0.0, self.touch_.subthreshold_
-        if self.shear_ is not None:
-            force[:, :2], covariance[:, :2, :2] = self.shear_.predict(x)
         known['force'], known['force_cov'] = force, covariance
 
     def _normal(
@@ -265,15 +248,14 @@ class FiveWireEstimation(Estimation):
         return np.column_stack([place / self.size, np.maximum(ratio, LEAST_DIVIDER)])
 
     def _fit_place(self, x: Array, position: Array, group: Integers, good: Bools) -> None:
-        """Choose and fit the map from potentials to place."""
+        """Fit the map from potentials to place."""
         rows = np.flatnonzero(good & np.isfinite(position[:, :2]).all(axis=1))
         rows = rows[np.lexsort(x[rows].T)]
         u, places = x[rows][:, self.potentials], position[rows, :2]
-        if len(rows) < FEWEST_ROWS or not _spans(u, places / self.size):
+        if not _spans(u, places / self.size):
             return
-        model = PotentialMap(self.size) if self.wanted is None else None
-        self.place_.fit(LinearPlace(self.size), u, places, group[rows], model)
-        self.place_.name = self.wanted or self.place_.name
+        model = LinearPlace(self.size) if self.wanted else PotentialMap(self.size)
+        self.place_ = Choice(self.wanted or 'harmonic', model).fit(u, places, group[rows])
         height = position[rows, 2]
         height = height[np.isfinite(height)]
         self.height_ = np.full(2, np.nan)
@@ -283,7 +265,7 @@ class FiveWireEstimation(Estimation):
     def _fit_force(
         self, signals: Signals, x: Array, position: Array, force: Array, group: Integers
     ) -> None:
-        """Choose and fit the static curve, and the creep where stamps show the past."""
+        """Fit the static curve, and the creep where stamps show the past."""
         self.force_ = self.creep_ = None
         rows = np.flatnonzero(signals.good & np.isfinite(force[:, 2]))
         rows = rows[np.lexsort(np.column_stack([x[rows], force[rows, 2]]).T)]
@@ -299,11 +281,10 @@ class FiveWireEstimation(Estimation):
             place = np.where(measured, position[:, :2], place)
         features = self._features(x, place)
         noise = 0.0 if np.isnan(self.touch_.noise) else self.touch_.noise
-        power = PowerLawForce(noise, self.size, self.series) if self.wanted is None else None
-        network = RbfForce()
-        chosen = Choice('', network).fit(network, features[rows], load, group[rows], power)
-        self.force_, chosen.name = chosen, self.wanted or chosen.name
-        if signals.stamp_ns is not None and chosen.estimator_ is power:
+        power = PowerLawForce(noise, self.size, self.series)
+        self.force_ = Choice(self.wanted or 'power', RbfForce() if self.wanted else power)
+        self.force_.fit(features[rows], load, group[rows])
+        if signals.stamp_ns is not None and self.wanted is None:
             self._fit_creep(signals, features, force[:, 2], group, rows)
 
     def _fit_creep(
@@ -332,16 +313,6 @@ class FiveWireEstimation(Estimation):
             creep.report_ = {'held_out_rmse': before}
             self.force_.report_['held_out_rmse'] = size
 
-    def _fit_shear(self, x: Array, force: Array, group: Integers, good: Bools) -> None:
-        """Fit shear, which the skin does not feel: only where truth and place determine it."""
-        rows = np.flatnonzero(good & np.isfinite(force).all(axis=1))
-        self.shear_ = None
-        if self.force_ is None or len(rows) < FEWEST_ROWS or not np.ptp(force[rows, :2]):
-            return
-        shear = Choice('', Ridge()).fit(Ridge(), x[rows], force[rows, :2], group[rows])
-        spread = float(np.sqrt(force[rows, :2].var(axis=0).sum()))
-        self.shear_ = shear if shear.report_['held_out_rmse'] < USEFUL * spread else None
-
 
 def _divider_less_rest(signals: Signals, x: Array) -> Signals:
     """Frames of which only the divider has a baseline."""
@@ -349,20 +320,13 @@ def _divider_less_rest(signals: Signals, x: Array) -> Signals:
     return replace(signals, delta=wide, baseline=np.zeros_like(signals.values))
 
 
-def _groups(position: Array, good: Bools, group: Integers) -> Integers:
-    """Number of the place of each row, where places are repeated; else its group."""
-    measured = good & np.isfinite(position[:, :2]).all(axis=1)
-    plane = np.round(np.nan_to_num(position[:, :2]) / SAME_PLACE)
-    place = np.unique(plane, axis=0, return_inverse=True)[1].reshape(-1)
-    count = len(np.unique(place[measured]))
-    return np.asarray(place) if 1 < count <= MOST_SINGLE * measured.sum() else group
-
-
 def _spans(potentials: Array, places: Array) -> bool:
     """Test that two potentials (s, p) move, and places (s, 2) in every direction.
 
-    Touches of one place, or along a line, determine no map. Places are in units of the edges.
+    Touches of few places, or along a line, determine no map. Places are in units of the edges.
     """
+    if len(np.unique(np.round(places / CELL), axis=0)) < FEWEST_ROWS:
+        return False
     least = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[-1]
     moving = (np.ptp(potentials, axis=0) > CONSTANT).sum()
     return bool(moving >= 2 and least > LEAST_EXTENT * np.sqrt(len(places)))
