@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('recording', nargs='?', help='bag, .npz or .csv to play; none: topics')
     parser.add_argument('--sensor', help='simulate this sensor, see `tactile list`')
     parser.add_argument('--board', help='serial port of a real --sensor, read without ROS')
-    parser.add_argument('--namespace', action='append', help='of topics; several are shown')
+    parser.add_argument('--namespace', action='append', help='of topics; default: all of them')
     parser.add_argument('--calibration', type=Path, help='of what is recorded, read or simulated')
     parser.add_argument('--speed', type=float, default=1.0, help='of playing; 0: at once')
     parser.add_argument('--loop', action='store_true', help='play for ever, once a page looks')
@@ -148,7 +148,7 @@ def show_topics(options: argparse.Namespace, viewer: PageServer | Viewer) -> Non
     """Show the topics of running nodes."""
     from tactile_ros.nodes.viewer_node import ViewerNode
 
-    node = ViewerNode(options.namespace or [''], viewer.show, viewer.grip)
+    node = ViewerNode(options.namespace or (), viewer.show, viewer.grip)
     if isinstance(viewer, PageServer):
         viewer.tare = node.tare
     node.run(options.seconds)

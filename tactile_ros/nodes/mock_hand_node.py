@@ -124,9 +124,8 @@ class MockHand:
         else:
             share = 1.0 - np.exp(-dt / self._lag_s)
         most = self._limits.velocity * dt
-        self.position = self.position + np.clip(
-            share * (self._target - self.position), -most, most
-        )
+        move = share * (self._target - self.position)
+        self.position = self.position + np.clip(move, -most, most)
         return self.position
 
 

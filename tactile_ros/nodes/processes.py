@@ -48,11 +48,9 @@ class Running:
     """
 
     def __init__(
-        self,
-        graph: Graph,
-        environment: Mapping[str, str] | None = None,
+        self, graph: Graph, environment: Mapping[str, str] | None = None,
         hear: Callable[[str, str], None] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.graph = graph
         self.lines: dict[str, list[str]] = {graph.name_of(p): [] for p in graph.processes}
         own = {'PYTHONUNBUFFERED': '1', STARTED_BY: str(os.getpid())}
@@ -84,9 +82,9 @@ class Running:
         )  # fmt: skip
         name = self.graph.name_of(process)
         self.children[name] = child
-        thread = threading.Thread(target=self._listen, args=(name, child), daemon=True)
-        thread.start()
-        self._threads[name] = thread
+        reader = threading.Thread(None, self._listen, name, (name, child), daemon=True)
+        self._threads[name] = reader
+        reader.start()
 
     def _listen(self, name: str, child: subprocess.Popen[str]) -> None:
         assert child.stdout is not None
@@ -213,13 +211,8 @@ def node_of(process: Process, log_level: str, respawn: bool = False) -> Node:
 
     files = [process.params_file] if process.params_file else []
     return Node(
-        package=PACKAGE,
-        executable=process.executable,
-        namespace=process.namespace,
-        parameters=[*files, dict(process.parameters)],
+        package=PACKAGE, executable=process.executable, namespace=process.namespace,
+        parameters=[*files, dict(process.parameters)], output='screen', on_exit=end,
         arguments=['--ros-args', '--log-level', log_level],
-        output='screen',
-        on_exit=end,
-        respawn=again,
-        respawn_delay=RESPAWN_DELAY_S,
-    )
+        respawn=again, respawn_delay=RESPAWN_DELAY_S,
+    )  # fmt: skip

@@ -30,10 +30,7 @@ class TruthTopics(Truth):
 
     def __init__(self, wrench: str, pose: str) -> None:
         self.columns = ('force',) * bool(wrench) + ('position',) * bool(pose)
-        self._newest = {
-            'force': (0.0, UNKNOWN),
-            'position': (0.0, UNKNOWN),
-        }  # arrival (s)
+        self._newest = {'force': (0.0, UNKNOWN), 'position': (0.0, UNKNOWN)}  # arrival (s)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self._node = Node('tactile_truth')
         for topic, kind in ((wrench, WrenchStamped), (pose, PoseStamped)):

@@ -23,14 +23,19 @@ from tactile_ros.types import STATE_FIELDS, ContactState, Frame, Layout
 
 Show = Callable[[str, Layout, Frame, ContactState], None]
 ShowGrip = Callable[[str, GripState, int], None]
+TOPICS = {
+    'layout': TactileLayout, 'frame': TactileFrame, 'contacts': TactileContacts,
+    'grip_node/state': GripState,
+}  # fmt: skip
 WAITING = 100  # frames that wait for their contacts, or contacts for their frame
-LOOK_S = 0.1
+LOOK_S, FIND_S = 0.1, 1.0
 TARE_S = 5.0  # longest wait for the answer of a tare
 
 
 class ViewerNode(Node):
     """Pair frames with the contacts that name them, and hand both on, per namespace.
 
+    Without namespaces it listens to every sensor and grip that runs, or comes later.
     `show` takes (namespace, layout, frame, state), `show_grip` (namespace, message, stamp in ns).
     """
 
@@ -42,20 +47,26 @@ class ViewerNode(Node):
         self._layouts: dict[str, Layout] = {}
         self._waiting: dict[str, OrderedDict[int, dict[type, object]]] = {}
         for name in namespaces:
-            self._waiting[name] = OrderedDict()
-            inputs = (
-                (TactileLayout, 'layout', self._on_layout),
-                (TactileFrame, 'frame', self._on_half),
-                (TactileContacts, 'contacts', self._on_half),
-                (GripState, 'grip_node/state', self._on_grip),
-            )
-            for kind, topic, callback in inputs:
-                path = f'{name}/{topic}' if name else topic
-                self.create_subscription(kind, path, partial(callback, name), qos(topic, WAITING))
+            self._listen(name)
+        if not namespaces:
+            self.create_timer(FIND_S, self._find)
+
+    def _listen(self, name: str) -> None:
+        self._waiting[name] = OrderedDict()
+        special = {TactileLayout: self._on_layout, GripState: self._on_grip}
+        for topic, kind in TOPICS.items():
+            take, path = partial(special.get(kind, self._on_half), name), f'{name}/{topic}'
+            self.create_subscription(kind, path.lstrip('/'), take, qos(topic, WAITING))
+
+    def _find(self) -> None:
+        for path, (kind, *_) in self.get_topic_names_and_types():
+            for end in ('/layout', '/grip_node/state') if 'tactile_ros' in kind else ():
+                if path.endswith(end) and (name := path[1 : -len(end)]) not in self._waiting:
+                    self._listen(name)
 
     def tare(self, name: str) -> str:
         """Answer of contact_node of a namespace to a tare, in words; from another thread."""
-        service = '/'.join(part for part in (name, 'contact_node/tare') if part)
+        service = f'{name}/contact_node/tare'.lstrip('/')
         client = self.create_client(Trigger, service)
         try:
             if not client.wait_for_service(TARE_S):

@@ -38,17 +38,13 @@ def contacts_of(sequence: int) -> TactileContacts:
     return message
 
 
-def test_frames_come_with_their_own_contacts(ros: Ros) -> None:
+@pytest.mark.parametrize('named', [['thumb'], []])
+def test_frames_come_with_their_own_contacts(named: list[str], ros: Ros) -> None:
     shown: list[tuple[str, Frame, ContactState]] = []
     grips: list[tuple[str, GripState, int]] = []
     ros.init()
-    viewer = ros.add(
-        ViewerNode(
-            ['thumb'],
-            lambda name, _, frame, state: shown.append((name, frame, state)),
-            lambda *told: grips.append(told),
-        )
-    )
+    take, hear = lambda name, _, *rest: shown.append((name, *rest)), lambda *of: grips.append(of)
+    viewer = ros.add(ViewerNode(named, take, hear))
     kinds = {'layout': TactileLayout, 'frame': TactileFrame, 'contacts': TactileContacts,
              'grip_node/state': GripState}  # fmt: skip
     send = {

@@ -39,7 +39,6 @@ class Card {
     this.name = name; this.history = [];
     part.querySelector('h2').textContent = name ? `${name} (${layout.sensor})` : layout.sensor || 'sensor';
     this.tare.addEventListener('click', () => this.askTare());
-    document.getElementById('sensors').append(part);
     this.take(layout);
   }
 
@@ -164,8 +163,8 @@ class Card {
       pen.globalAlpha = 1; pen.strokeStyle = stroke; pen.lineWidth = 1.8; pen.beginPath();
       points.forEach((p) => pen.lineTo(x(p.t), y(p.force[k]))); pen.stroke();
       const f = this.frame.force[k], s = this.frame.sigma[k];
-      const narrow = w < left + 3 * 108;
-      pen.fillText(`F${'xyz'[k]} ${f === null ? '–' : f.toFixed(2)}${s === null || narrow ? '' : ` ± ${s.toFixed(2)}`} N`, left + 6 + place * (narrow ? 70 : 108), 13);
+      const narrow = w < left + 3 * 118;
+      pen.fillText(`F${'xyz'[k]} ${f === null ? '–' : f.toFixed(2)}${s === null || narrow ? '' : ` ± ${s.toFixed(2)}`} N`, left + 6 + place * (narrow ? 70 : 118), 13);
     });
   }
 
@@ -212,6 +211,7 @@ events.addEventListener('layouts', (message) => {
     if (cards.has(name)) cards.get(name).take(layout);
     else cards.set(name, new Card(name, layout));
   }
+  document.getElementById('sensors').append(...[...cards.keys()].sort().map((name) => cards.get(name).root));
 });
 events.addEventListener('frames', (message) => {
   waiting = JSON.parse(message.data); heard = performance.now();
