@@ -134,10 +134,10 @@ def patience() -> Iterator[None]:
 
 
 @pytest.fixture(scope='session')
-def taught_skin(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def taught_skin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Calibration of a multipole skin that knows five heads; not to be written.
 
-    Fitted once for all processes of a run.
+    Fitted once for all processes of a run; its templates are kept, which every test would build.
     """
     from reference import enrolled_skin
     from tactile_ros.estimators import regression
@@ -148,7 +148,9 @@ def taught_skin(tmp_path_factory: pytest.TempPathFactory) -> Path:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(regression, 'FEWEST_STEPS', 50)  # no perceptron is chosen here
             enrolled_skin.five_heads().save(path)
-    return path
+    kept = enrolled_skin.SPEC.load(path).estimation.recogniser_.templates  # type: ignore[attr-defined]
+    yield path
+    del kept
 
 
 @pytest.fixture

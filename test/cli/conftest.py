@@ -35,6 +35,12 @@ def board_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
+def there(board_files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work in the folder of files."""
+    monkeypatch.chdir(board_files)
+
+
+@pytest.fixture
 def bag(tmp_path: Path) -> Path:
     """Bag of one sensor with three frames lost, and of a topic whose name colours terminals."""
     values = load_sensor('reskin_board').recordings()['spatial'].values

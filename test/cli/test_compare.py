@@ -9,11 +9,7 @@ import pytest
 from tactile_ros.cli.main import main
 
 ON = ['--on', 'presses.npz']
-
-
-@pytest.fixture(autouse=True)
-def there(board_files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(board_files)
+pytestmark = pytest.mark.usefixtures('there')
 
 
 def test_calibrations_are_compared(capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,11 +17,7 @@ from tactile_ros.evaluation.report import figure_text
 
 ROOT = Path(__file__).parents[2]
 TWO = ['--calibration', 'a.npz', '--calibration', 'b.npz', '--jobs', '1', '--json']
-
-
-@pytest.fixture(autouse=True)
-def there(board_files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(board_files)
+pytestmark = pytest.mark.usefixtures('there')
 
 
 def test_several_are_compared_in_one_table_and_saved(

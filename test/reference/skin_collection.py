@@ -40,9 +40,3 @@ def collected(
         stamp_ns=np.arange(len(press)) * 12_500_000 + press * 2_000_000_000,
         truth={'label': label, 'in_contact': touched.astype(np.int8), 'repetition': press},
     )  # fmt: skip
-
-
-def windows_of(recording: Recording) -> np.ndarray:
-    """Changes of field since the tare of every press, shape (n, WINDOW, d) (T)."""
-    values = recording.values.reshape(-1, TARE + WINDOW, recording.values[0].size)
-    return values[:, TARE:] - values[:, :TARE].mean(axis=1, keepdims=True)

@@ -9,12 +9,11 @@ import pytest
 from benchmarks.worlds import multipole_fidelity
 from reference import multipole_world as world
 from tactile_ros.estimators.few_shot import Presses
-from tactile_ros.estimators.press_templates import PressBank
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.multipole_skin import twin
 from tactile_ros.sensors.multipole_skin.config import nine_heads
 from tactile_ros.sensors.multipole_skin.press_fit import FOLDS, Labels, drawn_skin
-from tactile_ros.sensors.multipole_skin.recogniser import Recogniser
+from tactile_ros.sensors.multipole_skin.recogniser import Recogniser, press_bank
 from tactile_ros.sensors.multipole_skin.specimen import NONE, Flaws, Specimen
 from tactile_ros.sensors.multipole_skin.twin import NOISE
 from tactile_ros.types import Recording
@@ -188,10 +187,18 @@ def recogniser() -> Recogniser:
 def test_magnets_may_turn_with_the_body_or_not_where_no_press_told(
     recogniser: Recogniser, turning: float
 ) -> None:
-    bank = PressBank(replace(recogniser.model, turning=turning), recogniser.outlines)
+    bank = press_bank(replace(recogniser.model, turning=turning), recogniser.outlines)
     parts = bank.at(np.array([0, 1]), POSES)[:, 0]
     patterns = np.einsum('p,npd->nd', 4e-4 ** np.arange(1, 4), parts)
     answers = recogniser.answer(Presses(patterns, np.full(2, 10.0)))
     assert answers.label.tolist() == [0, 1]
     away = np.linalg.norm(answers.pose[:, :2] - POSES[:, :2], axis=1)
     assert away.max() < 0.3e-3
+
+
+def test_equal_skins_have_the_same_templates_and_others_their_own(recogniser: Recogniser) -> None:
+    model, heads = recogniser.model, recogniser.outlines[:1]
+    bank = press_bank(model, heads)
+    assert press_bank(replace(model, chips=model.chips.copy()), heads) is bank
+    assert press_bank(replace(model, chips=model.chips + 1e-5), heads) is not bank
+    assert press_bank(model, recogniser.outlines[1:]) is not bank

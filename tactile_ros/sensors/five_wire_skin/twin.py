@@ -94,14 +94,9 @@ def presses(
     `noise` is that of a channel (fraction of the supply); None: half a thousandth.
     """
     return recorded(
-        layout(config),
-        programme(config, seed, count),
-        lambda touches: reading(config, touches),
-        truth,
-        NOISE if noise is None else noise,
-        seed,
-        (0.0, 1.0),
-    )
+        layout(config), programme(config, seed, count), lambda touches: reading(config, touches),
+        truth, NOISE if noise is None else noise, seed, (0.0, 1.0),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -72,13 +72,9 @@ def presses(
     One stream that begins with a tare. `noise` is of a channel (T); None: that of the chips.
     """
     return recorded(
-        layout(config),
-        programme(config, seed, count),
-        lambda touches: reading(config, touches),
-        lambda touches: truth(config, touches),
-        NOISE if noise is None else noise,
-        seed,
-    )
+        layout(config), programme(config, seed, count), lambda touches: reading(config, touches),
+        lambda touches: truth(config, touches), NOISE if noise is None else noise, seed,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

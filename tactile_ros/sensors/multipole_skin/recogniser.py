@@ -10,10 +10,11 @@ one of a small library, as a stand-in for what these do. The best score of a cla
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -40,6 +41,19 @@ UNLIKE = 4.6  # logarithm of the misfit, over which that is spread: a factor of 
 UNTOLD = 0.8  # deviation of that logarithm where no press tells it
 LEAST_VARIED = 0.5  # of it: presses of some heads tell not how others differ
 FEW = 5  # presses, as which what is usual counts
+BANKS: WeakValueDictionary[tuple[bytes, ...], PressBank] = WeakValueDictionary()  # those in use
+
+
+def press_bank(model: SkinModel, heads: tuple[Outline, ...]) -> PressBank:
+    """Templates of heads on a skin; those of a file that is read again are the same object."""
+    parts = [getattr(model, part.name) for part in fields(model)]
+    for head in heads:
+        parts += [*head.loops, head.thickness or 0.0, head.bend or 0.0]
+    key = tuple(np.asarray(part).tobytes() for part in parts)
+    bank = BANKS.get(key)
+    if bank is None:
+        bank = BANKS[key] = PressBank(model, heads)
+    return bank
 
 
 def usual_misfit(misfits: Array) -> tuple[float, float]:
@@ -258,7 +272,7 @@ class Recogniser:
         model, heads = self.model, self.outlines or self.library
         if model is None or not heads:
             return ()
-        return tuple(PressBank(replace(model, turning=one), heads) for one in self.turnings)
+        return tuple(press_bank(replace(model, turning=one), heads) for one in self.turnings)
 
     @cached_property
     def evidence(self) -> SupportSet:

@@ -58,13 +58,9 @@ def presses(
     (T); None: that of the chips.
     """
     return recorded(
-        layout(config),
-        programme(config, seed, count),
-        lambda touches: reading(config, touches),
-        truth,
-        NOISE if noise is None else noise,
-        seed,
-    )
+        layout(config), programme(config, seed, count), lambda touches: reading(config, touches),
+        truth, NOISE if noise is None else noise, seed,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

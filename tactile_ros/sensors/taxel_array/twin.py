@@ -156,14 +156,10 @@ def presses(
         return taxel_forces(config, touches) if placing is None else placing.loads(touches)
 
     return recorded(
-        layout(config),
-        plan,
-        lambda touches: outputs(config, loads(touches)),
+        layout(config), plan, lambda touches: outputs(config, loads(touches)),
         lambda touches: truth(touches, loads(touches), placing),
-        NOISE if noise is None else noise,
-        seed,
-        (0.0, 1.0),
-    )
+        NOISE if noise is None else noise, seed, (0.0, 1.0),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
