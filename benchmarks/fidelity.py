@@ -15,10 +15,11 @@ from functools import cache
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
+from benchmarks.harness.package_page import contests, pareto
 from benchmarks.harness.rows import BenchResult, Row
 from benchmarks.worlds import multipole_fidelity as skin
 from reference import gradiometer_world
-from tactile_ros.evaluation.figures import LETTER, Plot, standalone
+from tactile_ros.evaluation.figures import standalone
 from tactile_ros.physics.fidelity import LINEAR_COST, SHARE, Choice, Model, TermGain, region
 from tactile_ros.physics.field_table import (
     SHAPES,
@@ -48,12 +49,6 @@ LOAD, AROUND = (1.5, 10.0), (0.5, np.pi - 0.5)  # N, rad: presses of [2]
 GRIDS = ((9, 7, 5), (15, 11, 5), (29, 21, 9), (57, 41, 9))
 BUDGET_S = 0.05
 OTHERS = 1.25e-3  # m, pitch of carpets under other mechanics
-KINDS = {
-    'dipole': 'dipoles', 'linear': 'linear tables', 'cubic': 'cubic tables',
-    '2 x 2': 'the same with 2 x 2 points', ' mm': 'grid of dipoles, its pitch',
-    '': 'other mechanics',
-}  # fmt: skip
-BESIDE = (('start', 0.0), ('end', 0.0), ('middle', -15.0), ('middle', 16.0))
 
 
 def timed(model: Model, states: Array) -> float:
@@ -262,52 +257,11 @@ def _force_error(seed: int, terms: dict[str, bool], learned: object, scene: obje
     return float(_rms(error[specimen.rest :].reshape(-1)))
 
 
-def drawing(rows: list[Row], limit: float, title: str) -> str:
-    """Worst error against time, with the line below which a model is good enough."""
-    spots = [(spot_name(row.method), row.us_batch or row.us_single, row.ours) for row in rows]
-    shown = [spot for spot in spots if spot[2] > 0]
-    every, errors = [s[1] for s in spots], [s[2] for s in shown]
-    wide = min(every) / 2, 2.5 * max(every)
-    tall = min(*errors, limit) / 8, min(5 * max(errors), 99e3)  # a label of 1e5 is too wide
-    plot = Plot(wide, tall, 'time of a frame (µs)', 'worst error (µT)', (560, 360),
-                log_x=True, log_y=True, description=title)  # fmt: skip
-    plot.line(np.array(wide), np.full(2, limit), 'line ink')
-    plot.text(wide[0], limit, 'a third of the noise', shift=-12)
-    key = {}
-    for name, us, error in shown:
-        kind = next((i for i, word in enumerate(KINDS) if word in name), 0)
-        colour = f'c{kind}' if kind < 5 else 'ink'
-        plot.mark(us, error, kind, f'fill {colour}')
-        key[colour] = [*KINDS.values()][kind]
-    name_marks(plot, shown)
-    for row, (name, us, _) in enumerate(spot for spot in spots if spot[2] == 0):
-        plot.rule(us, name, row=row)
-    return standalone(plot, title=f'{title}: worst error against time', key=list(key.items()))
-
-
-def spot_name(method: str) -> str:
-    """A model without what all have."""
-    return method.replace(', bonded layer', '').replace('1.25 mm, ', '')
-
-
-def name_marks(plot: Plot, spots: list[tuple[str, float, float]]) -> None:
-    """Name marks (name, x, y) but tables, where their words meet no other mark or name."""
-    middles = [(float(plot.x(x)), float(plot.y(y))) for _, x, y in spots]
-    taken = [(a - 7, b - 7, a + 7, b + 7) for a, b in middles]
-    for (name, x, y), (a, b) in zip(spots, middles, strict=True):
-        if 'table' in name:
-            continue
-        words = name.replace(' with 2 x 2 points', '')
-        wide = LETTER * len(words) + 4
-        for anchor, shift in BESIDE:
-            left = {'start': a + 8, 'middle': a - wide / 2, 'end': a - 8 - wide}[anchor]
-            box = (left, b + shift - 7, left + wide, b + shift + 7)
-            if left + wide < plot.size[0] and not any(
-                box[0] < o[2] and o[0] < box[2] and box[1] < o[3] and o[1] < box[3] for o in taken
-            ):
-                break
-        taken.append(box)
-        plot.text(x, y, f'\u00a0{words}\u00a0', anchor, shift=shift)
+def drawing(rows: list[Row], title: str) -> str:
+    """Worst error against time in a batch, and the line below which a model is good enough."""
+    (contest,) = contests(replace(row, us_single=row.us_batch or row.us_single) for row in rows)
+    figure = pareto(contest)
+    return standalone(*figure.plots, title=f'{title}: worst error against time', key=figure.key)
 
 
 def run(extent: str, command: str) -> BenchResult:
@@ -324,12 +278,11 @@ def run(extent: str, command: str) -> BenchResult:
         *choices,
         f'multipole_skin pressed: {carpet}, beside 1.25 mm with 3 x 3 points on 4 levels',
     ]
-    pads = found['magnet_pad'] + found['magnet_pad, normal touches']
     drawings = {
-        name: drawing(spots, LIMIT[name], title)
+        name: drawing(spots, title)
         for name, spots, title in (
             ('gradiometer', found['gradiometer'], 'Models of a disc'),
-            ('magnet_pad', pads, 'Models of blocks and of touches'),
+            ('magnet_pad', found['magnet_pad'], 'Models of blocks'),
             ('multipole_skin', pressed, 'Models of a pressed sheet'),
         )
     }

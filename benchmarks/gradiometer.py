@@ -16,7 +16,7 @@ from sklearn.preprocessing import PolynomialFeatures, StandardScaler
 from benchmarks.harness.independent import independent_rows
 from benchmarks.harness.rows import BenchResult, Row, frame_us, inside, shortest, within
 from reference.gradiometer_world import Scene, World
-from tactile_ros.estimators.polynomial_force import LEAST_SHARE, PolynomialForce
+from tactile_ros.estimators.polynomial_force import PolynomialForce
 from tactile_ros.evaluation.figures import Plot, standalone
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
@@ -38,39 +38,7 @@ ANSWERS = ('Fx', 'Fy', 'Fz', 'Tx', 'Ty')
 SHARES = {1: 68.27, 2: 95.45}  # % of normal errors inside so many sigmas
 PRESSES = 300  # of a calibration whose coverage is judged
 MEDIAN = 0.6745  # of the absolute value of normal errors, in sigmas
-HUBER = 1.345  # of the residuals' scale (Huber, Robust Statistics, 1981)
-ROUNDS = 300
-PENALTY = 1e-6  # of the L1 norm, per row, of weights of standardised features
 Errors = tuple[Array, Array]  # of the five answers (N, Nm), and their sigmas
-
-
-class HuberPolynomial(PolynomialForce):
-    """The chain of [3] with the loss that it prints: Huber's with an L1 penalty, iterated."""
-
-    def _solved(self, terms: Array, target: Array) -> Array:
-        count = terms.shape[1]
-        weights = super()._solved(terms, target)
-        terms = np.concatenate([terms, np.ones((len(terms), 1))], axis=1)
-        found = np.concatenate([weights, np.zeros((1, weights.shape[1]))])
-        for k in range(target.shape[1]):
-            w = found[:, k]
-            for _ in range(ROUNDS):
-                error = target[:, k] - terms @ w
-                scale = 1.4826 * np.median(np.abs(error)) + np.finfo(float).tiny
-                trust = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(error), 1e-300))
-                size = np.maximum(np.abs(w), 1e-9 * np.abs(w).max())
-                shrink = PENALTY * len(terms) * scale / size
-                root = np.sqrt(trust)[:, None]
-                shrink[count:] = 0.0  # the level is free
-                left = np.concatenate([root * terms, np.diag(np.sqrt(shrink))])
-                right = np.concatenate([root[:, 0] * target[:, k], np.zeros(len(w))])
-                new = np.linalg.lstsq(left, right, rcond=LEAST_SHARE)[0]
-                moved, w = float(np.abs(new - w).max()), new
-                if moved <= 1e-6 * np.abs(w).max():
-                    break
-            found[:, k] = w
-        self.level_ = self.level_ + found[count]
-        return found[:count]
 
 
 def rms(error: Array) -> Array:
@@ -128,26 +96,18 @@ def accuracy(world: World, ours: Pipeline, extent: str) -> list[Row]:
     for recording in (many, test):
         sound = (np.abs(recording.values).max(axis=(1, 2)) < limit) & ~recording.tare
         table.append((recording.values[sound].reshape(-1, 8), recording.truth['force'][sound]))
-    chains = {
-        name: rms(chain.fit(*table[0]).predict(table[1][0]) - table[1][1])
-        for name, chain in (('squares', PolynomialForce()), ('huber_l1', HuberPolynomial()))
-    }
-    better = min(chains.values(), key=lambda error: float((error**2).sum()))
+    chain = rms(PolynomialForce().fit(*table[0]).predict(table[1][0]) - table[1][1])
     full = fitted(world, many)
     least = rms(bound(world, world.shifts(2000, np.random.default_rng([2, 5]))))
     rows = []
     for points, pipeline, share in ((300, ours, (0.2, 0.2, 1.0)), (MANY[extent], full, None)):
         found = rms(errors(pipeline, test)[0])
         for i, axis in enumerate('xyz'):
-            aim = 1.2 * least[i] if share is None else share[i] * better[i]
+            aim = 1.2 * least[i] if share is None else share[i] * chain[i]
             rows.append(
                 Row(f'F{axis}, {points} points, rms', 'mN', MILLI * found[i],
-                    peer=MILLI * better[i], bound=MILLI * least[i], aim=MILLI * aim)
+                    peer=MILLI * chain[i], bound=MILLI * least[i], aim=MILLI * aim)
             )  # fmt: skip
-    rows += [
-        Row(f'chain of [3], {name}, Fz rms', 'mN', MILLI * error[2])
-        for name, error in chains.items()
-    ]
     for name, depth in (('a light touch', 0.03), ('mid load', 0.5)):
         place = np.array([[0.05 * world.gap, 0.03 * world.gap, -depth * world.depth]])
         found, least = held(world, full, place, 21).std(axis=0), bound(world, place)[0]
@@ -391,7 +351,7 @@ def run(extent: str, command: str) -> BenchResult:
     around, specimens = surroundings(extent)
     rows += [*around, *cost(ours, world)]
     notes = [
-        f'peer: the better of converged Huber + L1 and SVD of the chain, {MANY[extent]} points',
+        f'peer: the chain of [3] by least squares, {MANY[extent]} points',
         f'estimators: {ours.estimators}; specimens {specimens} of the world, '
         f'{len(specimens)} of {len(SPECIMENS[extent])}',
     ]

@@ -9,8 +9,9 @@ Delay runs from the write of the frame that a command answers until the middlewa
 import sys
 import tempfile
 import time
+from collections.abc import Mapping
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -59,9 +60,10 @@ BUSY = (
 class Measured(Process):
     """A process of the bench: a hand that takes every command, a second thread where asked.
 
-    Its readers write their threads into a file.
+    Its readers write their threads into a file; `heard` are topics by those in their place.
     """
 
+    heard: Mapping[str, str] = field(default_factory=dict)
     threads: str = ''
     busy: bool = False
 
@@ -70,7 +72,9 @@ class Measured(Process):
         entry = ENTRY.format(
             more=NOTE.format(folder=str(FOLDER), threads=self.threads) + BUSY * self.busy
         )
-        return [sys.executable, '-c', entry, self.executable, '--ros-args', *self.ros_arguments()]
+        heard = [part for pair in self.heard.items() for part in ('-r', ':='.join(pair))]
+        run = [sys.executable, '-c', entry, self.executable, '--ros-args']
+        return [*run, *heard, *self.ros_arguments()]
 
 
 @dataclass(frozen=True)
@@ -120,12 +124,7 @@ def run(extent: str, command: str) -> BenchResult:
     for what, found in runs.items():
         rows += _rows(what, found)
         notes.append(f'{what}: {_histogram(found)}; {found.waited}')
-    with Helper(grip_rig.difference) as helper:
-        apart = float(helper.hear())
-    rows += [
-        Row('three ways: largest difference of commands', '1', apart, bound=0.0, aim=1e-9),
-        step_row(STEPS[extent]),
-    ]
+    rows.append(step_row(STEPS[extent]))
     lines = {
         what: (SHOWN_MS, 100 * (one.delay <= 1e-3 * SHOWN_MS[:, None]).mean(axis=1))
         for what, one in [*runs.items()][:3]
@@ -228,11 +227,11 @@ def _graph(
     calibrations, finger = folder / scene.sensor, scene.fingers[0]
     if stack:
         values = {**both, **sensor, 'ports': ports, 'calibrations': str(calibrations)}
-        return Graph((Measured('stack', values, '', scene.heard, threads=threads, busy=busy),))
+        return Graph((Measured('stack', values, heard=scene.heard, threads=threads, busy=busy),))
     grip = {**both, 'rate_hz': scene.rate_hz}
     contact = {**sensor, 'calibration': str(calibrations / f'{finger}.npz')}
     return Graph((
-        Measured('grip_node', grip, '', scene.heard, threads=threads),
+        Measured('grip_node', grip, heard=scene.heard, threads=threads),
         Measured('contact_node', contact, finger, threads=threads),
         Measured('sensor_node', {**sensor, 'port': ports[0]}, finger, threads=threads),
     ))  # fmt: skip

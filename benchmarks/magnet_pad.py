@@ -35,7 +35,6 @@ STRAY, TIP, REST = 0.5e-3, 3e-3, 60
 DENSE = {0.1: 2500, 1.0: 6000}
 LEARN, JUDGE, WORLD_SEED = 1, 2, 0
 PRESSES = {'quick': 200, 'normal': 600, 'full': 1200}
-SWEEP = {'quick': 400, 'normal': 1200, 'full': 4000}  # presses that neighbours alone share
 PAPER = {6: 99.0, 15: 99.0, 25: 92.0}
 PROBES = (2, 6, 10, 14)
 TABLE_1 = ((98, 63, 64, 55), (45, 98, 83, 73), (49, 80, 99, 92), (44, 71, 95, 99))
@@ -51,12 +50,12 @@ HALF_SPACE = {'poisson': 0.5, 'stiffening': 1e9, 'height': 0.0, 'base': 1e-6, 'g
 class CellKnn:
     """Majority vote among the nearest training samples for a cell, as [2] localises touches.
 
-    Readings are compared as they are, by Minkowski's distance of a power. Of cells with as many
-    votes the one whose voters are nearer in sum wins, then the lowest.
+    Readings are compared as they are. Of cells with as many votes the one whose voters are nearer
+    in sum wins, then the lowest.
     """
 
-    def __init__(self, neighbours: int = 5, power: float = 2.0) -> None:
-        self.neighbours, self.power = neighbours, power
+    def __init__(self, neighbours: int = 5) -> None:
+        self.neighbours = neighbours
 
     def fit(self, x: Array, cells: Integers) -> CellKnn:
         """Remember features x (n, d) of touches and their cells (n,)."""
@@ -66,7 +65,7 @@ class CellKnn:
     def predict(self, x: Array) -> Integers:
         """Cell (s,) of each row of features x (s, d)."""
         count = min(self.neighbours, len(self._cells))
-        distance, index = self._tree.query(x, k=[*range(1, count + 1)], p=self.power)
+        distance, index = self._tree.query(x, k=[*range(1, count + 1)])
         found = []
         for named, far in zip(self._cells[index].tolist(), distance.tolist(), strict=True):
             reach = dict.fromkeys(named, 0.0)
@@ -245,7 +244,6 @@ def parts(extent: str) -> dict[str, Callable[[], list[Row]]]:
         for spread in (1.0,) if quick else (0.1, 1.0):
             found[f'{cells} cells, {spread:g} wide'] = partial(_cells, cells, spread, count)
     found['coverage'] = partial(_covered, count)
-    found['neighbours'] = partial(_neighbours, extent)
     if not quick:
         found['probes'] = partial(_probes, count, extent)
         found['cone'] = partial(_cone, count // 2)
@@ -306,30 +304,6 @@ def _covered(count: int) -> list[Row]:
 def _allowed(one: Coverage, sigmas: int) -> float:
     """Points by which a share may be off."""
     return 100 * max(one.high - WITHIN[sigmas], WITHIN[sigmas] - one.low)
-
-
-def _neighbours(extent: str) -> list[Row]:
-    """[2]'s figures 5, 7 and 8: K, training share, cells and distance."""
-    rows, count = [], SWEEP[extent]
-    sweep = [(k, share, 2.0) for share in (20, 50, 80) for k in (1, 5, 10)]
-    sweep += [(5, 50, 1.0), (5, 50, np.inf)]
-    for cells in GRIDS:
-        whole = session(cells, count, 0.4, LEARN)
-        order = np.random.default_rng(0).permutation(count)
-        for k, share, power in sweep if extent == 'full' else [(1, 20, 2.0), (5, 50, 2.0)]:
-            seen, new = np.split(order, [len(order) * share // 100])
-            knn = CellKnn(k, power).fit(whole.change[seen], whole.touches.cell[seen])
-            said, true = knn.predict(whole.change[new]), whole.touches.cell[new]
-            error = average_euclidean_error(said, true, whole.config.cells)
-            worst = float(np.nanmin(np.diag(confusion(said, true, cells))))
-            what = f'neighbours of [2], {cells} cells, K {k}, {share} % training'
-            what += '' if power == 2 else f', distance of power {power:g}'
-            rows += [
-                Row(f'{what}: cells right', '%', accuracy(said, true), 'high', 92.0),
-                Row(f'{what}: average Euclidean error', 'mm', error),
-                Row(f'{what}: worst cell', '%', worst, 'high'),
-            ]
-    return rows
 
 
 def _probes(count: int, extent: str) -> list[Row]:

@@ -111,17 +111,21 @@ class Contest(NamedTuple):
     unit: str
     methods: tuple[Method, ...]
     high: bool = False
+    aim: float | None = None
 
 
 def contests(rows: Iterable[Row]) -> list[Contest]:
     """What can be drawn: at least two methods whose time is known on the same data."""
     groups: dict[tuple[str, str, bool], list[Method]] = {}
+    aims: dict[str, float] = {}
     for row in rows:
         if row.compared and row.ours is not None and row.us_single:
             method = Method(row.method, row.us_single, row.ours, row.spread or 0.0)
             groups.setdefault((row.compared, row.unit, row.better == 'high'), []).append(method)
+            if row.aim is not None:
+                aims[row.compared] = row.aim
     return [
-        Contest(title, unit_of(unit), tuple(found), high)
+        Contest(title, unit_of(unit), tuple(found), high, aims.get(title))
         for (title, unit, high), found in groups.items()
         if len(found) > 1
     ]
@@ -145,6 +149,9 @@ def pareto(contest: Contest) -> Figure:
     plot = _axes(contest, shown)
     kept = [m for m in best if m in shown]
     plot.line(np.array([m.us for m in kept]), np.array([m.error for m in kept]), 'line ink')
+    if contest.aim is not None and plot.y.values[0] < contest.aim < plot.y.values[1]:
+        plot.line(np.array(plot.x.values), np.full(2, contest.aim), 'rule')
+        plot.text(plot.x.values[0], contest.aim, 'aim', shift=-8)
     for method in shown:
         kind = 'c0' if method in best else 'c1'
         if method.spread:

@@ -20,9 +20,7 @@ from math import nan
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from threading import get_native_id
-from types import SimpleNamespace
 
 import numpy as np
 
@@ -268,58 +266,6 @@ def caller(pipe: Connection) -> None:
     pipe.send(answers)
     node.destroy_node()
     rclpy.try_shutdown()
-
-
-class Spun:
-    """Nodes of this process, as `test/reference/grip_roads.py` asks for them."""
-
-    def init(self, *parameters: str) -> None:
-        """Start ROS with parameters."""
-        import rclpy
-
-        from tactile_ros.nodes.lifecycle import events_executor
-
-        chosen = [text for parameter in parameters for text in ('-p', parameter)]
-        rclpy.init(args=['--ros-args', *chosen])
-        self._executor, self._nodes = events_executor(), []
-
-    def add(self, node: object) -> object:
-        """Spin a node too."""
-        self._nodes.append(node)
-        self._executor.add_node(node)
-        return node
-
-    def until(self, holds: Callable[[], object]) -> bool:
-        """Spin until a condition holds; False when it did not in time."""
-        deadline = time.monotonic() + PATIENCE_S
-        while not holds() and time.monotonic() < deadline:
-            self._executor.spin_once(timeout_sec=0.01)
-        return bool(holds())
-
-    def close(self) -> None:
-        """End the nodes and ROS."""
-        import rclpy
-
-        for node in reversed(self._nodes):
-            node.destroy_node()
-        rclpy.try_shutdown()
-
-
-def difference(pipe: Connection) -> None:
-    """Play the same press on every road and send the largest difference of commands."""
-    from reference import grip_roads
-    from tactile_ros.nodes import grip_node
-
-    with TemporaryDirectory() as folder:
-        press = grip_roads.learnt_press(Path(folder) / 'force.npz')
-        alone = grip_roads.offline(press)
-        found = []
-        for direct in (True, False):
-            clock, ros = grip_roads.Clock(), Spun()
-            grip_node.time = SimpleNamespace(monotonic=clock.monotonic)
-            found.append(grip_roads.lived(ros, press, clock, direct))
-            ros.close()
-    pipe.send(max(float(np.abs(live - alone).max()) for live in found))
 
 
 def note(path: str) -> None:

@@ -46,7 +46,6 @@ CARPETS = (
 FINEST = (1.25e-3, 3)  # on twice as many levels
 MARGIN = 1.5  # of the sheet, that a map of the layer is wide
 DEEP = 10.0  # thicknesses of a layer that stands for a half-space
-HARMONICS = (1, 2, 4)
 ROUNDING = 1e-12  # m
 NODES = 400  # of the punch's density, which waves that are felt do not outrun
 UNFELT = 36.0  # wave number times depth, beyond which nothing is felt
@@ -120,30 +119,8 @@ def rest_model(config: MultipoleSkinConfig, noise: float) -> tuple[Choice, list[
 
     exact = model('exact bands', sheet.field, BLOCK_COST * len(sheet.bands))
     models = [dipoles(5e-3, 1), dipoles(2.5e-3, 1), dipoles(2.5e-3, 2), dipoles(1.25e-3, 2)]
-    models += [
-        model(f'{n} harmonics', lambda at, n=n: harmonics(sheet, at, n), 40.0 * n, n)
-        for n in HARMONICS
-    ]
     states = region(-PLAY * np.ones(3), PLAY * np.ones(3), 4)
     return all_rated(models, exact, states, noise), [*models, exact]
-
-
-def harmonics(sheet: Sheet, points: Array, count: int) -> Array:
-    """Field (..., 3) (T) of an M4 without edges, all bands of which are as strong as the first.
-
-    `points` (..., 3) lie outside of the sheet (m); `count` is that of odd harmonics: 1, 3 ...
-    """
-    half = sheet.thickness / 2
-    phase = points[..., 1] + sheet.size[1] / 2
-    above = points[..., 2] - sheet.low - half
-    field = np.zeros(np.shape(points))
-    for n in 2 * np.arange(count) + 1:
-        k = n * np.pi / sheet.pole_pitch
-        strength = 4 * sheet.strengths[0] / (n * np.pi) * np.sinh(k * half)
-        strength = strength * np.exp(-k * np.abs(above))
-        field[..., 1] -= strength * np.sin(k * phase)
-        field[..., 2] -= np.sign(above) * strength * np.cos(k * phase)
-    return field
 
 
 class FlatPunch:
