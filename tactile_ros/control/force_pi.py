@@ -139,11 +139,11 @@ class ForcePi:
         self._wanted, self.limited = nan, False
 
     def regulate(
-        self, target: float, force: float, dt: float, unseen: float = 0.0, share: float = 1.0
+        self, target: float, force: float, dt: float, unseen: float = 0.0, keeps: bool = False
     ) -> float:
         """Command that brings a force to a target (N); `unseen` (s) brought no new force.
 
-        Errors count by a `share`; what a target moves by counts whole.
+        One that `keeps` its command moves by its target alone.
 
         Where the drive's own gain is known, a target that moves goes to the command at once, and
         to the error as the plant follows.
@@ -154,7 +154,7 @@ class ForcePi:
         near = 1.0 - exp(-(dt + unseen) / self.reaction) if soft else 1.0
         self._follows += near * (target - self._follows)
         most = self.config.force_high
-        error = share * bounded(self._follows - force, -most, most)
+        error = 0.0 if keeps else bounded(self._follows - force, -most, most)
         gain = self.config.lag / (self.stiffness.cautious * self.config.loop_time)
         if begins:
             start = self._from if isfinite(self._from) else self.command

@@ -9,8 +9,8 @@ Fingers that oppose each other on a free object would push it to the weaker sens
 their errors that pushes counts by `NET` until all are settled, or the object still walks after
 `NET_TIME`. Afterwards the squeeze alone is regulated, and each finger closes by its share of it: a
 difference between fingers of one side is what holds the object against turning. Soft drives that
-have settled keep their commands, which hold a load as springs do, raise them by their gains, and
-answer errors slowly: to answer a load at once moves what it leans on.
+have settled keep their commands, which hold a load as springs do, and raise them by their gains
+alone: to answer what a load does to single forces moves what it leans on.
 """
 
 from __future__ import annotations
@@ -45,7 +45,6 @@ MOST_ERROR = 0.1  # of the target: a held finger has no more
 NET, NET_TIME = 0.5, 3.0  # share of errors that push an object; s of a load until it must stand
 WATCHED, WALKS = 0.5, 0.005  # s, closures that what stands does not go in them
 AGREED = 0.5  # least force of a side, of that of the other: else one reads wrongly
-HELD_SHARE = 0.1  # of errors that soft drives regulate once settled
 STRONGEST = 1.2  # targets that the strongest reading may have while sides disagree
 LATE = 1.5  # periods without a new force: one may be missed or cross with a step
 SAME = 1e-9  # closure within which a command was admitted as it was
@@ -391,7 +390,8 @@ class GripForce:
             self._has_settled |= self._calm >= SETTLED_TIME
             if self._targets.share() and not self._has_settled:
                 self._begin_load()  # a finger that joins has its force to find
-            reached = self._targets.grow(any(law.full for law in self.laws), dt)
+            full = any(law.full for law in self.laws)
+            reached = self._targets.grow(full, self._has_settled, dt)
             if self.phase == GripPhase.LOAD and reached:
                 self.phase = GripPhase.HOLD
 
@@ -448,7 +448,7 @@ class GripForce:
         if gripped and isfinite(closure):
             law.stiffness.step(closure, force, on[0].sigma)
         held = self._has_settled and self.phase == GripPhase.HOLD and law.plant.is_soft
-        law.regulate(target, target - error, dt, self._unseen, HELD_SHARE if held else 1.0)
+        law.regulate(target, target - error, dt, self._unseen, held)
 
     def _share_errors(self, closures: list[float]) -> None:
         """Errors of touching fingers (N), without what would push a free object further."""

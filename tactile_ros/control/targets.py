@@ -106,19 +106,22 @@ class GripTargets:
         """Smallest force (N) that a finger is asked for."""
         return min((f.asked for f in self._fingers if f.asked > 0), default=0.0)
 
-    def grow(self, full: bool, dt: float) -> bool:
+    def grow(self, full: bool, settled: bool, dt: float) -> bool:
         """Move towards what is wanted; return whether every target is where it should be.
 
-        A raise waits for the slowest finger, so that drives that can give no more stop all. Where
-        a drive gives all its torque (`full`) a raise would push the object to its side. What a
-        drive at its limit does not reach is wanted no more: it would be tried for ever. A finger
-        that has just touched does not count: one that bounces would end the raise.
+        Until all have settled a raise waits for the slowest finger, so that drives that can give
+        no more stop all. Where a drive gives all its torque (`full`) a raise would push the object
+        to its side. What a drive at its limit does not reach is wanted no more: it would be tried
+        for ever. A finger that has just touched does not count: one that bounces would end the
+        raise. Once settled each presses as hard as it can: a load waits for none.
         """
+        if settled:
+            self._most = MOST
         if self._adapt:
             self._answer(dt)
         step = self._rate * dt * (RAISING if self._raise > 1.0 else 1.0)
         reached, factor = True, self._raise
-        for finger in self._fingers:
+        for finger in [] if settled else self._fingers:
             if finger.asked > 0.0 and factor > 1.0 and finger.pressing and finger.steady >= BOUNCE:
                 ahead = AHEAD_FULL if finger.law.full else AHEAD
                 bound = max(finger.normal / finger.asked + ahead, 1.0)
@@ -127,7 +130,7 @@ class GripTargets:
                     self._raise = self._most = bound
         for finger in self._fingers:
             ahead = factor * finger.asked - finger.target
-            if full and ahead > 0.0 and finger.target >= finger.asked:
+            if full and not settled and ahead > 0.0 and finger.target >= finger.asked:
                 continue
             if -step <= ahead <= step:
                 finger.target = factor * finger.asked
@@ -142,7 +145,6 @@ class GripTargets:
         if strongest <= 0.0:
             return
         most = max(min(self._most, self.config.force_high / strongest), 1.0)
-        self._most = min(self._most + dt / self.config.relax_time, MOST)
         self._since += dt
         needed, slipping = 1.0, False
         for finger in self._fingers:

@@ -39,10 +39,12 @@ def active(config: GripConfig, *about: object) -> GripForce:
 class Run:
     """A law against the springs of the reference world."""
 
-    def __init__(self, config: GripConfig = QUICK, **about: object) -> None:
+    def __init__(
+        self, config: GripConfig = QUICK, plants: list[Drive] | None = None, **about: object
+    ) -> None:
         self.world = GripWorld(rate_hz=config.rate_hz, **about)
         count = len(self.world.gains)
-        self.law = GripForce(config, tuple(range(count)), (1, -1) if count > 1 else None)
+        self.law = GripForce(config, range(count), (1, -1) if count > 1 else None, plants)
         self.law.enable()
         self.change: dict[str, object] = {}
         self.forces: list[np.ndarray] = []
@@ -99,6 +101,17 @@ def test_grip_force_gives_each_finger_of_a_fixed_object_its_own_force() -> None:
     assert made.warning == 'finger 1 is stale: it keeps its place'
     assert made.phase == GripPhase.HOLD
     np.testing.assert_allclose(one.world.force, 2.0, rtol=0.1)
+
+
+@pytest.mark.parametrize('soft', [True, False])
+def test_grip_force_leaves_a_load_to_the_springs_of_soft_drives(soft: bool) -> None:
+    one = Run(plants=[SOFT] * 2 if soft else None, gains=(1.0, 1.0), stiffness=7.0)
+    assert one.grasp(4.0).settled
+    one.change = {'normal': np.array([1.2, 1.9])}  # the object leans on one finger
+    before = len(one.made)
+    one.run(1.0)
+    moved = float(np.ptp([made.closure for made in one.made[before:]], axis=0).max())
+    assert (moved < 1e-3) == soft
 
 
 def test_grip_force_walks_a_free_object_no_further_where_sensors_disagree() -> None:
