@@ -154,8 +154,9 @@ class ForcePi:
         near = 1.0 - exp(-(dt + unseen) / self.reaction) if soft else 1.0
         self._follows += near * (target - self._follows)
         most = self.config.force_high
-        error = 0.0 if keeps else bounded(self._follows - force, -most, most)
-        gain = self.config.lag / (self.stiffness.cautious * self.config.loop_time)
+        error = bounded(self._follows - force, -most, most)
+        loop = self.stiffness.cautious * self.config.loop_time
+        gain = 0.0 if keeps else self.config.lag / loop
         if begins:
             start = self._from if isfinite(self._from) else self.command
             self._integral, self._from = start - gain * error, nan

@@ -70,10 +70,15 @@ class GripTargets:
         self._most = MOST
 
     def begin(self, targets: Sequence[float], adapt: bool) -> None:
-        """Begin to go to targets (N) of the fingers in use, which may be raised if `adapt`."""
-        self._each, self._adapt, self._raise, self._most = list(targets), adapt, 1.0, MOST
+        """Begin to go to targets (N) of the fingers in use, which may be raised if `adapt`.
+
+        What is held at a raised force stays so, until the raise fades.
+        """
+        raised = self._raise * self.strongest if adapt and self._raise > 1.0 else 0.0
+        self._each, self._adapt, self._most = list(targets), adapt, MOST
         self._pressing = [finger.used for finger in self._fingers]
         self._share(self._pressing)
+        self._raise = max(raised / self.strongest, 1.0) if raised else 1.0
 
     def _share(self, pressing: Sequence[bool]) -> None:
         """Share what was asked for among fingers."""
