@@ -33,6 +33,7 @@ AGREES = 0.5  # of a reading that a drive must press with to speak for it
 FILTERED, SLOWEST_FILTER = 0.03, 0.1  # noise after the filter, of the target; s
 ON_SIGMAS, ON_RAW, ON_SHARE, OFF = 5.0, 3.0, 0.3, 1 / 3  # levels of contact
 LEAST_NOISE = 0.5  # of `force_noise`: slips are separated from the noise of a loop too
+LOADED, LOADED_SIGMAS = 0.2, 5.0  # of the target, of noise: a load that has come or gone
 RANGE = 3.0  # largest targets beyond which a reading is none
 
 
@@ -62,6 +63,7 @@ class Finger:
         self.waited = 0.0  # for a new force (s)
         self.unspent = False  # it has given a force that was not regulated yet
         self.target = 0.0  # force now (N)
+        self.carried = nan  # load when the grip had settled (N)
         self.regulated = 0.0  # error that its drive regulates (N)
         self._mean_error = self._friction = nan
         self._moving = self._leaning = self._pressing = self._still = 0.0
@@ -88,6 +90,12 @@ class Finger:
     def error(self) -> float:
         """Target less force (N)."""
         return self.target - self.normal
+
+    @property
+    def loaded(self) -> bool:
+        """Judge whether its load is another than when the grip had settled, or not known."""
+        most = LOADED * self.target + LOADED_SIGMAS * self.noise
+        return not abs(self.slip.load - self.carried) <= most
 
     @property
     def noise(self) -> float:

@@ -8,9 +8,9 @@ needs to react than the stiffest object yields under `IMPACT` asked forces.
 Fingers that oppose each other on a free object would push it to the weaker sensor: the part of
 their errors that pushes counts by `NET` until all are settled, or the object still walks after
 `NET_TIME`. Afterwards the squeeze alone is regulated, and each finger closes by its share of it: a
-difference between fingers of one side is what holds the object against turning. Soft drives that
-have settled keep their commands, which hold a load as springs do, and raise them by their gains
-alone: to answer what a load does to single forces moves what it leans on.
+difference between fingers of one side is what holds the object against turning. From the first
+load on, soft drives that have settled keep their commands, which hold it as springs do, and raise
+them by their gains alone: to answer what a load does to single forces moves what it leans on.
 """
 
 from __future__ import annotations
@@ -189,7 +189,7 @@ class GripForce:
     def _begin_load(self) -> None:
         """Let errors push the object until fingers have settled, or it walks."""
         self._since, self._due, self._place = 0.0, NET_TIME, nan
-        self._has_settled = self._pushed = False
+        self._has_settled = self._pushed = self._loaded = False
 
     def release(self, why: str = '') -> None:
         """Open; `refusal` says `why` from now until the next grasp, where something went wrong."""
@@ -387,7 +387,11 @@ class GripForce:
                 self.phase = GripPhase.LOAD
         if self.phase in HOLDING:
             self._since += dt
-            self._has_settled |= self._calm >= SETTLED_TIME
+            if self._calm >= SETTLED_TIME and not self._has_settled:
+                self._has_settled = True
+                for finger in self.fingers:
+                    finger.carried = finger.slip.load
+            self._loaded |= self._has_settled and any(f.loaded for f in _pressing(self.fingers))
             if self._targets.share() and not self._has_settled:
                 self._begin_load()  # a finger that joins has its force to find
             full = any(law.full for law in self.laws)
@@ -447,8 +451,8 @@ class GripForce:
             closure = law.free if law.touched > law.reaction else nan
         if gripped and isfinite(closure):
             law.stiffness.step(closure, force, on[0].sigma)
-        held = self._has_settled and self.phase == GripPhase.HOLD and law.plant.is_soft
-        law.regulate(target, target - error, dt, self._unseen, held)
+        keeps = self._loaded and self.phase == GripPhase.HOLD and law.plant.is_soft
+        law.regulate(target, target - error, dt, self._unseen, keeps)
 
     def _share_errors(self, closures: list[float]) -> None:
         """Errors of touching fingers (N), without what would push a free object further."""
