@@ -6,7 +6,7 @@ of the fingers grow together (`GripTargets`). An approach goes no further in the
 needs to react than the stiffest object yields under `IMPACT` asked forces.
 
 Fingers that oppose each other on a free object would push it to the weaker sensor: the part of
-their errors that pushes counts by `NET` until all are settled, or the object still walks after
+their errors that pushes counts by `NET` until a load comes, or the object still walks after
 `NET_TIME`. Afterwards the squeeze alone is regulated, and each finger closes by its share of it: a
 difference between fingers of one side is what holds the object against turning. From the first
 load on, soft drives that have settled keep their commands, which hold it as springs do, and raise
@@ -463,7 +463,7 @@ class GripForce:
             return
         if self._since >= self._due:
             self._watch(closures)
-        pushes = not (self._has_settled or self._pushed)
+        pushes = not (self._loaded or self._pushed)
         if pushes:
             net = sum(finger.side * finger.regulated for finger in sided) / len(sided)
             for finger in sided:
