@@ -4,7 +4,6 @@
 import numpy as np
 import pytest
 
-from benchmarks.gradiometer import HuberPolynomial
 from tactile_ros.estimators import regression
 from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.estimators.polynomial_force import (
@@ -219,17 +218,10 @@ def test_case_1_a_standardised_constant_and_single_precision_spoil_plain_weights
     assert plain > 1e4 * ours
 
 
-def test_huber_bears_outliers_and_silence_gives_no_nan() -> None:
+def test_chain_answers_silence_without_nan() -> None:
     x = fields(400)
-    clean = 100 * (x[:, :1] - x[:, 2:3])
-    spoilt = clean.copy()
-    spoilt[::20] += 50.0
-    error = [
-        np.abs(chain.fit(x, spoilt).predict(x) - clean).mean()
-        for chain in (PolynomialForce(), HuberPolynomial())
-    ]
-    assert error[1] < 0.2 * error[0]
-    assert np.isfinite(PolynomialForce().fit(x, clean).predict(np.zeros((2, 8)))).all()
+    chain = PolynomialForce().fit(x, 100 * (x[:, :1] - x[:, 2:3]))
+    assert np.isfinite(chain.predict(np.zeros((2, 8)))).all()
 
 
 def test_alpha_of_the_chain_is_found_and_a_common_beta_changes_nothing() -> None:
