@@ -95,7 +95,7 @@ class Costs:
 
 
 def costs_of(competitor: Competitor) -> dict[str, Costs]:
-    """Errors of everything that truth can judge; groups of different recordings differ."""
+    """Errors of all that truth can judge, classes not in tares; groups of recordings differ."""
     parts: dict[str, list[Costs]] = {}
     for recording, states in zip(competitor.recordings, competitor.states, strict=True):
         for one in target_errors(recording, states):
@@ -105,8 +105,8 @@ def costs_of(competitor: Competitor) -> dict[str, Costs]:
         groups = np.asarray(groups_of(recording)['group'], np.int64)
         for kind in class_errors(recording.truth, states):
             rows = recording.truth[kind.name].astype(np.int64) >= 0
-            cost = np.where(kind.said == kind.true, 0.0, 1.0)
-            cost[:] = cost if (kind.said >= 0).any() else np.nan
+            tare = np.broadcast_to(np.asarray(recording.tare, bool), rows.shape)[rows]
+            cost = np.where((kind.said >= 0).any() & ~tare, kind.said != kind.true, np.nan)
             parts.setdefault(kind.name, []).append(Costs('wrong', '%', cost, groups[rows]))
     return {name: _joined(found) for name, found in parts.items()}
 
@@ -231,7 +231,15 @@ def swap_probability(sums: Array, count: Array, root: bool, rng: np.random.Gener
 def judge(name: str, pipeline: Pipeline, loaded: Sequence[LoadedRecording]) -> Competitor:
     """Estimates of a pipeline, as a replay makes them."""
     states = tuple(_replayed(pipeline, one) for one in loaded)
-    return Competitor(name, tuple(one.recording for one in loaded), states)
+    return Competitor(name, tuple(map(_tared, loaded)), states)
+
+
+def _tared(one: LoadedRecording) -> Recording:
+    """Recording with the newest frame of every tare of its live run marked."""
+    recording, stamps = one.recording, [b.stamp_ns or 0 for b in one.baselines if b.averaged]
+    if recording.tare is not None or recording.stamp_ns is None:
+        return recording
+    return replace(recording, tare=np.isin(recording.stamp_ns, stamps))
 
 
 def _replayed(pipeline: Pipeline, one: LoadedRecording) -> ContactStates:
@@ -260,7 +268,7 @@ def live(name: str, loaded: Sequence[LoadedRecording]) -> Competitor:
         samples, taxels = len(one.recording), one.recording.layout.shape[0]
         states = gathered([one.contacts.states], one.contacts.rows, samples, taxels)
         found.append(_renumbered(states, one.label_names, ()))
-    return Competitor(name, tuple(one.recording for one in loaded), tuple(found))
+    return Competitor(name, tuple(map(_tared, loaded)), tuple(found))
 
 
 def held_out(
@@ -286,7 +294,7 @@ def held_out(
         )
         for one, fold, part in zip(loaded, folds, parts, strict=True)
     )  # fmt: skip
-    return Competitor(name, tuple(one.recording for one in loaded), whole)
+    return Competitor(name, tuple(map(_tared, loaded)), whole)
 
 
 def _folds(recording: Recording) -> Integers:
@@ -294,8 +302,7 @@ def _folds(recording: Recording) -> Integers:
     if 'position' in recording.truth:
         places = places_of(np.asarray(recording.truth['position'], np.float64)[:, :2])
         groups = groups if places is None else places
-    rank = np.unique(groups, return_inverse=True)[1].reshape(-1)
-    return np.where(groups < 0, -1, rank % FOLDS)
+    return np.where(groups < 0, -1, np.unique(groups, return_inverse=True)[1].reshape(-1) % FOLDS)
 
 
 def row_of(one: Comparison) -> tuple[Cell, ...]:

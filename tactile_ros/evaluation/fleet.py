@@ -27,12 +27,7 @@ from tactile_ros.errors import RecordingError, TactileError
 from tactile_ros.evaluation import metrics
 from tactile_ros.evaluation.bag import load_package
 from tactile_ros.evaluation.cdr_columns import stack
-from tactile_ros.evaluation.recording_files import (
-    Bag,
-    ClassesChangedError,
-    LoadedRecording,
-    find,
-)
+from tactile_ros.evaluation.recording_files import Bag, ClassesChangedError, LoadedRecording, find
 from tactile_ros.evaluation.replay import Follower
 from tactile_ros.evaluation.report import CELLS, Answer, Dataset, answer, inside_one_sigma, rows_of
 from tactile_ros.evaluation.truth import DEFAULT_TRUTH, Association, is_unknown
@@ -260,8 +255,7 @@ def evaluate(
 
 def open_calibration(path: str | Path) -> Pipeline:
     """Pipeline of whatever sensor the file is of."""
-    sensor = str(files.read(Path(path)).get('sensor.scalar', ''))
-    return load_sensor(sensor).load(Path(path))
+    return load_sensor(str(files.read(Path(path)).get('sensor.scalar', ''))).load(Path(path))
 
 
 @lru_cache(maxsize=64)

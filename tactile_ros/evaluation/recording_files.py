@@ -89,8 +89,7 @@ class LiveContacts:
     @property
     def failed(self) -> Integers:
         """Rows of which the live run could use no taxel, or whose estimation raised."""
-        error = np.uint8(TaxelStatus.ERROR)
-        return self.rows[(self.states.taxel_status & error).all(axis=1)]
+        return self.rows[(self.states.taxel_status & np.uint8(TaxelStatus.ERROR)).all(axis=1)]
 
 
 def read_changes(texts: Iterable[str]) -> tuple[ClassChange, ...]:

@@ -49,8 +49,7 @@ def competitor(
 
 
 def test_equal_estimates_do_not_differ() -> None:
-    last_bits = competitor('b', 0.1 * (1 + 1e-13), 0)
-    found = compare.compare(competitor('a', 0.1, 0), last_bits)
+    found = compare.compare(competitor('a', 0.1, 0), competitor('b', 0.1 * (1 + 1e-13), 0))
     targets = ['position', 'force_x', 'force_y', 'force_z', 'label']
     assert [each.target for each in found] == targets
     for each in found:
@@ -84,15 +83,16 @@ def test_a_constructed_difference_is_found_in_its_size() -> None:
 def test_wrong_and_missing_classes_are_wrong() -> None:
     label = recording().truth['label'].copy()
     label[:20], label[20:40] = -1, (label[20:40] + 1) % 3
-    found = compare.compare(competitor('a', 0.1, 0), competitor('b', 0.1, 0, label=label))[-1]
-    assert (found.second, found.unit, found.frames) == (pytest.approx(20.0), '%', COUNT)
+    tared = replace(recording(), tare=np.arange(COUNT) >= 160)  # tares are not judged
+    one, other = competitor('a', 0.1, 0, tared), competitor('b', 0.1, 0, tared, label=label)
+    found = compare.compare(one, other)[-1]
+    assert (found.second, found.unit, found.frames) == (pytest.approx(25.0), '%', 160)
 
 
 def test_chance_alone_is_rarely_significant_and_inside_the_interval() -> None:
     small = recording(8)
-    pairs = [(competitor('a', 0.1, 2 * k, small), competitor('b', 0.1, 2 * k + 1, small))
-             for k in range(60)]  # fmt: skip
-    found = [compare.compare(*pair)[1] for pair in pairs]
+    ran = [competitor('ab'[k % 2], 0.1, k, small) for k in range(120)]
+    found = [compare.compare(*pair)[1] for pair in zip(ran[::2], ran[1::2], strict=True)]
     assert sum(each.p <= 0.05 for each in found) <= 7
     assert sum(each.low <= 0.0 <= each.high for each in found) >= 50
 
