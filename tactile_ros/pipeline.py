@@ -27,6 +27,7 @@ from tactile_ros.conditioning.baseline import (
     stream_baselines,
 )
 from tactile_ros.errors import CalibrationError
+from tactile_ros.physics.temperature import plausible_temperature
 from tactile_ros.types import (
     STATE_FIELDS,
     Array,
@@ -37,7 +38,6 @@ from tactile_ros.types import (
     ContactStates,
     Estimation,
     Frame,
-    FrameStatus,
     Integers,
     Layout,
     Recording,
@@ -48,7 +48,6 @@ from tactile_ros.types import (
     field_shape,
     groups_of,
     join,
-    plausible_temperature,
 )
 from tactile_ros.types.recording import (
     are_ordered,
@@ -59,9 +58,6 @@ from tactile_ros.types.recording import (
 )
 
 ERROR = np.uint8(TaxelStatus.ERROR)
-BAD_TAXELS, NO_BASELINE = int(FrameStatus.BAD_TAXELS), int(FrameStatus.NO_BASELINE)
-NOT_CALIBRATED = int(FrameStatus.NOT_CALIBRATED)
-FORBIDS_USE = NOT_CALIBRATED | BAD_TAXELS | int(FrameStatus.SATURATED | FrameStatus.STALE)
 ZERO_UNTOUCHED = frozenset({'force', 'torque', 'taxel_force', 'deformation'})
 KEPT_UNTOUCHED = frozenset({'stray_field', 'force_cov', 'torque_cov', 'slip', 'slip_probability'})
 STATUS = frozenset({'status', 'taxel_status', 'valid', 'in_contact'})
@@ -307,10 +303,10 @@ class Pipeline:
                 stream.rebase(stream.tracker)
         in_time = signals.stamp_ns is not None and self.rest_.tared
         number = stream.ids.number(contact, restart, in_time, signals.begins)
-        shown = ~failed if in_time else signals.good & ~failed
+        number[failed if in_time else failed | ~signals.good] = -1
         apply_contact(known, contact, signals.good)
         self._add_flags(known, signals, bits)
-        add_patches(known, np.where(shown, number, -1))
+        add_patches(known, number)
         dead = self.rest_.dead
         if dead is not None:
             known['taxel_status'] = known['taxel_status'] | dead * np.uint8(TaxelStatus.DEAD)  # type: ignore[operator]
@@ -355,7 +351,10 @@ class Pipeline:
                 self.failure = f'{type(error).__name__}: {error}'
                 stream.memory = self.estimation.start()
                 failed[first] = True
-                unknown = {'in_contact': np.array([-1], np.int8), 'status': np.array([BAD_TAXELS])}
+                unknown = {
+                    'in_contact': np.array([-1], np.int8),
+                    'status': np.array([faults.DAMAGED]),
+                }
                 parts.append({**unknown, 'taxel_status': np.full((1, taxels), ERROR)})
             lengths.append(length)
             first += length
@@ -368,26 +367,16 @@ class Pipeline:
 
         A `status`, `taxel_status` or `valid` of the estimation's own is kept beside the rest.
         """
-        missing = (0 if self.calibrated else NOT_CALIBRATED) | (
-            0 if self.rest_.tared else NO_BASELINE
-        )
-        own = known.get('status')
+        missing = faults.NOT_CALIBRATED * (not self.calibrated)
+        missing |= faults.NO_BASELINE * (not self.rest_.tared)
+        found, own, usable = (known.get(name) for name in ('taxel_status', 'status', 'valid'))
         flags = np.zeros(len(bits), np.int64) if own is None else own.astype(np.int64)
         if missing:
             flags |= missing
-        if np.count_nonzero(bits):
-            flags |= faults.frame_faults(bits)
-        # good readings without the baseline that they need say nothing: their change is NaN
-        usable, unknown = signals.good, np.isnan(signals.delta)
-        if 'valid' in known:
-            usable = usable & known['valid'].astype(bool)
-        if np.count_nonzero(unknown):
-            usable = usable & ~unknown.any(axis=(1, 2))
-            flags |= np.isnan(signals.baseline).any(axis=(1, 2)) * np.int64(NO_BASELINE)
-        found = known.get('taxel_status')
+        valid = signals.good.copy() if usable is None else signals.good & usable.astype(bool)
+        faults.frame_status(bits, signals.delta, signals.baseline, flags, valid)
         known['taxel_status'] = bits if found is None else bits | found.astype(np.uint8)
-        known['status'] = flags
-        known['valid'] = usable & (flags & FORBIDS_USE == 0)
+        known['status'], known['valid'] = flags, valid
 
     # -- fit ---------------------------------------------------------------------------------
 
@@ -679,7 +668,8 @@ def apply_contact(known: Columns, contact: npt.NDArray[np.int8], good: Bools) ->
     for name in known.keys() - STATUS:
         column, blank = known[name], STATE_FIELDS[name][2]
         if free and name in ZERO_UNTOUCHED:
-            column[untouched] = np.where(np.isnan(column[untouched]), np.nan, 0.0)
+            estimated = untouched.reshape(-1, *[1] * (column.ndim - 1)) & ~np.isnan(column)
+            column[estimated] = 0.0
         elif free and name not in KEPT_UNTOUCHED:
             column[untouched] = blank
         if spoilt:
@@ -694,14 +684,15 @@ def add_patches(known: Columns, number: Integers) -> None:
     if 'contacts_id' in known or not ('position' in known or 'force' in known):
         return
     known['contacts_id'] = number[:, None]
-    normal = np.repeat(UP, len(number), axis=0)
-    columns = {'normal': normal} | {
-        name: known[name][:, None]
-        for name in ('position', 'position_cov', 'force', 'force_cov')
-        if name in known
-    }
-    touched = number >= 0
-    everywhere = np.count_nonzero(touched) == len(touched)
+    nowhere = number < 0
+    count = np.count_nonzero(nowhere)
+    if count == len(number):
+        return
+    columns = {'normal': UP.repeat(len(number), axis=0)}
+    for name in ('position', 'position_cov', 'force', 'force_cov'):
+        if name in known:
+            columns[name] = known[name][:, None]
     for name, column in columns.items():
-        rows = touched.reshape(-1, *[1] * (column.ndim - 1))
-        known[f'contacts_{name}'] = column if everywhere else np.where(rows, column, np.nan)
+        known[f'contacts_{name}'] = patch = column.copy() if count else column
+        if count:
+            patch[nowhere] = np.nan

@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.conditioning.contact import ContactIds, calm_factor, contact_rows, contact_scale
-from tactile_ros.physics.compiled import compiled
-from tactile_ros.types import Array, Bools, Integers, Recording, plausible_temperature
+from tactile_ros.physics.compiled import compiled, inlined
+from tactile_ros.physics.temperature import plausible_temperature
+from tactile_ros.types import Array, Bools, Integers, Recording
 
 PERIOD_NS, GAIN = 1_000_000_000, 0.25  # of a block; step towards the mean of one at rest
 FEWEST_PAIRS = 8
@@ -34,72 +35,73 @@ class BaselineTracker:
         and do not count for rest.
     scale : ndarray, shape (t, c), or None
         Deviation that still counts as rest (unit of values); None: the baseline stays.
-    variance : float
+    variance : ndarray, shape (1,)
         Of the baseline as it is now, over that of a frame at rest.
     """
 
     def __init__(self, start: Array, scale: Array | None, variance: float = 0.0) -> None:
-        self.baseline, self.scale, self.variance = start, scale, variance
-        self._judged = slice(None if scale is None else scale.shape[1])
-        self._unknown = bool(np.isnan(start[:, self._judged]).any())
-        self._begin(0)
-
-    def _begin(self, stamp_ns: int) -> None:
-        self._total = np.zeros(self.baseline.shape)
-        self._finite = np.zeros(self.baseline.shape, np.int64)
-        self._count, self._begin_ns, self._quiet = 0, stamp_ns, True
+        self.baseline, self.scale, self.variance = start.copy(), scale, np.array([variance])
+        judged = slice(None if scale is None else scale.shape[1])
+        self._stays = scale is None or bool(np.isnan(start[:, judged]).any())
+        # of the running block: sums, counts; its number of frames, begin, whether it was at rest
+        self._total, self._finite = np.zeros(start.shape), np.zeros(start.shape, np.int64)
+        self._block = np.zeros(3, np.int64)
 
     def follow(self, values: Array, stamp_ns: Integers | None) -> tuple[Array, Array]:
         """Baselines (s, t, c) and variances (s,) of frames in time order; fixed without stamps."""
-        levels = np.repeat(self.baseline[None], len(values), axis=0)
-        variance = np.full(len(values), self.variance)
-        if self.scale is None or stamp_ns is None or self._unknown:
-            return levels, variance
-        first = 0
-        while first < len(values):
-            now_ns = int(stamp_ns[first])
-            if self._count and now_ns - self._begin_ns >= PERIOD_NS:
-                self._close()
-            if not self._count:
-                self._begin(now_ns)
-            last = max(int(stamp_ns.searchsorted(self._begin_ns + PERIOD_NS)), first + 1)
-            levels[first:last], variance[first:last] = self.baseline, self.variance
-            self._count += last - first
-            if self._quiet:
-                block = np.ascontiguousarray(values[first:last])
-                self._quiet = _gather_rows(
-                    block, self.baseline, self.scale, self._total, self._finite
-                )
-            first = last
+        levels = self.baseline[None].repeat(len(values), axis=0)
+        variance = self.variance.repeat(len(values))
+        if self.scale is not None and stamp_ns is not None and not self._stays:
+            _follow_rows(
+                np.ascontiguousarray(values), stamp_ns, self.scale, self.baseline, self.variance,
+                self._total, self._finite, self._block, levels, variance,
+            )  # fmt: skip
         return levels, variance
 
-    def _close(self) -> None:
-        """End the running block: follow if it was at rest."""
-        if self._quiet:
-            mean = self._total / np.where(self._finite > 0, self._finite, np.nan)
-            moved = self.baseline + GAIN * (mean - self.baseline)
-            self.baseline = np.where(np.isnan(self.baseline), mean, moved)
-            if self.variance:
-                self.variance = (1 - GAIN) ** 2 * self.variance + GAIN**2 / self._count
-        self._count = 0
+
+@inlined
+def _gather(values: Array, baseline: Array, scale: Array, total: Array, finite: Integers) -> bool:
+    """Add a frame (t, c) to the sums and counts (t, c); False where it is not at rest."""
+    for t in range(scale.shape[0]):
+        for c in range(scale.shape[1]):
+            if not abs(values[t, c] - baseline[t, c]) <= scale[t, c]:
+                return False
+    for t in range(total.shape[0]):
+        for c in range(total.shape[1]):
+            if np.isfinite(values[t, c]):
+                total[t, c] += values[t, c]
+                finite[t, c] += 1
+    return True
+
+
+@inlined
+def _step(baseline: Array, total: Array, finite: Integers) -> None:
+    """Move baselines (t, c) towards the means of a block, or there where none was known."""
+    for t in range(total.shape[0]):
+        for c in range(total.shape[1]):
+            mean = total[t, c] / finite[t, c] if finite[t, c] > 0 else np.nan
+            known = not np.isnan(baseline[t, c])
+            baseline[t, c] = baseline[t, c] + GAIN * (mean - baseline[t, c]) if known else mean
 
 
 @compiled
-def _gather_rows(
-    block: Array, baseline: Array, scale: Array, total: Array, finite: Integers
-) -> bool:
-    """Add frames (s, t, c) to the sums and counts (t, c) until one is not at rest."""
-    for s in range(len(block)):
-        for t in range(scale.shape[0]):
-            for c in range(scale.shape[1]):
-                if not abs(block[s, t, c] - baseline[t, c]) <= scale[t, c]:
-                    return False
-        for t in range(total.shape[0]):
-            for c in range(total.shape[1]):
-                if np.isfinite(block[s, t, c]):
-                    total[t, c] += block[s, t, c]
-                    finite[t, c] += 1
-    return True
+def _follow_rows(
+    values: Array, stamp_ns: Integers, scale: Array, baseline: Array, variance: Array,
+    total: Array, finite: Integers, block: Integers, levels: Array, variances: Array,
+) -> None:  # fmt: skip
+    """Write baselines (s, t, c) and variances (s,) of frames; both and their block move on."""
+    for s in range(len(values)):
+        if block[0] > 0 and stamp_ns[s] - block[1] >= PERIOD_NS:
+            if block[2] > 0:  # at rest
+                _step(baseline, total, finite)
+                if variance[0] > 0.0:
+                    variance[0] = (1 - GAIN) ** 2 * variance[0] + GAIN**2 / block[0]
+            block[0] = 0
+        if block[0] == 0:
+            total[:], finite[:], block[1], block[2] = 0.0, 0, stamp_ns[s], 1
+        levels[s], variances[s] = baseline, variance[0]
+        block[0] += 1
+        block[2] &= _gather(values[s], baseline, scale, total, finite)
 
 
 def tare_runs(tare: Bools, restarts: Bools) -> tuple[Integers, Integers]:
@@ -167,7 +169,7 @@ def stream_baselines(
         means = tare_means(values, run)
     levels = np.concatenate([means, start.baseline[None]])[serves]
     count = np.bincount(run[run >= 0], minlength=len(means))
-    variance = np.concatenate([1 / np.maximum(count, 1), [start.variance]])[serves]
+    variance = np.concatenate([1 / np.maximum(count, 1), start.variance])[serves]
     if recording.stamp_ns is None:
         return Baselines(levels, variance, np.ones(len(restarts), bool), tare)
     restart = restarts.copy()
@@ -256,9 +258,8 @@ class Rest:
         """Readings (s, t, c) as `level` has them, with chip temperatures (s, t) where used."""
         if self.temperature_c is None:
             return values
-        measured = np.full(values.shape[:2], np.nan)
-        if chips is not None:
-            measured = plausible_temperature(chips)
+        chips = np.full(values.shape[:2], np.nan) if chips is None else chips
+        measured = plausible_temperature(chips)
         if self.dead is not None:
             measured = np.where(self.dead, np.nan, measured)
         return np.concatenate([values, measured[:, :, None]], axis=2)

@@ -8,14 +8,15 @@ import numpy as np
 from tactile_ros.physics.compiled import compiled
 from tactile_ros.types import Array, Bools, Bytes, FrameStatus, Integers, Layout, TaxelStatus
 
+STALE, SATURATED, ERROR, DEAD = (
+    np.uint8(TaxelStatus[name]) for name in ('STALE', 'SATURATED', 'ERROR', 'DEAD')
+)
 # no tare may take a frame with a bad taxel (one that the fit found dead is left out), nor one of
 # which no taxel says anything new
-DAMAGED = int(FrameStatus.BAD_TAXELS)
-SAYS_NOTHING = np.uint8(TaxelStatus.STALE | TaxelStatus.DEAD)
-
-SATURATED, ERROR, DEAD = (
-    np.uint8(bit) for bit in (TaxelStatus.SATURATED, TaxelStatus.ERROR, TaxelStatus.DEAD)
-)
+DAMAGED, SAYS_NOTHING = int(FrameStatus.BAD_TAXELS), STALE | DEAD
+CLIPPED, OLD = int(FrameStatus.SATURATED), int(FrameStatus.STALE)
+NOT_CALIBRATED, NO_BASELINE = int(FrameStatus.NOT_CALIBRATED), int(FrameStatus.NO_BASELINE)
+FORBIDS_USE = NOT_CALIBRATED | DAMAGED | CLIPPED | OLD
 NO_LIMIT = np.empty(0)
 UNUSABLE = np.uint8(sum(TaxelStatus) - TaxelStatus.STALE)  # all but that
 
@@ -71,16 +72,30 @@ def set_aside(values: Array, bits: Bytes, dead: Bools | None) -> tuple[Array, By
     return np.where(dead[:, None], 0.0, values), np.where(dead, np.uint8(0), bits)
 
 
-def frame_faults(bits: Bytes) -> Integers:
-    """Bits of `FrameStatus` (s,) that follow from the bits of taxels (s, t).
+@compiled
+def frame_status(
+    bits: Bytes, delta: Array, baseline: Array, flags: Integers, valid: Bools
+) -> None:
+    """Add to flags (s,) of frames what bits (s, t) and changes (s, t, c) show; some are not valid.
 
     One STALE taxel makes the frame STALE: one that gets stuck is STALE before it is known as
-    STUCK.
+    STUCK. Good readings without the baseline that they need say nothing: their change is NaN.
     """
-    spoilt = (bits & UNUSABLE).any(axis=1) * np.int64(FrameStatus.BAD_TAXELS)
-    clipped = (bits & TaxelStatus.SATURATED).any(axis=1) * np.int64(FrameStatus.SATURATED)
-    stale = (bits & TaxelStatus.STALE).any(axis=1) * np.int64(FrameStatus.STALE)
-    return np.asarray(spoilt | clipped | stale)
+    for s in range(len(bits)):
+        unknown = lost = False
+        for t in range(bits.shape[1]):
+            if bits[s, t] & UNUSABLE:
+                flags[s] |= DAMAGED
+            if bits[s, t] & SATURATED:
+                flags[s] |= CLIPPED
+            if bits[s, t] & STALE:
+                flags[s] |= OLD
+            for c in range(delta.shape[2]):
+                unknown |= np.isnan(delta[s, t, c])
+                lost |= np.isnan(baseline[s, t, c])
+        if unknown and lost:
+            flags[s] |= NO_BASELINE
+        valid[s] &= not unknown and flags[s] & FORBIDS_USE == 0
 
 
 def usable_rows(bits: Bytes) -> Bools:

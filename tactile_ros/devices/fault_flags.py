@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import betaln
 
-from tactile_ros.types import Array, Bools, Bytes, TaxelStatus, plausible_temperature
+from tactile_ros.physics.temperature import plausible_temperature
+from tactile_ros.types import Array, Bools, Bytes, TaxelStatus
 
 LEAST_VOTES = 100  # readings
 STUCK_AFTER = 10  # identical readings in a row

@@ -90,13 +90,16 @@ class CovarianceModel:
         readings = np.ascontiguousarray(readings, np.float64)
         if readings.shape[1:] != self.mean_.shape:
             readings = as_shape('readings of predict', readings, (-1, len(self.mean_)))
-        square, sigma = np.empty(len(readings)), np.empty((len(readings), len(self.scale_)))
-        _distances(readings, self.mean_, self.whitening_, square)
-        _sigma_rows(square, self.limit_, self.scale_, self.growth_, sigma)
-        if stated is None or stated.ndim == 2:
-            sigma = sigma if stated is None else stated * sigma
-            stated = self.correlation_
-        return stated * sigma[:, :, None] * sigma[:, None, :], square > self.limit_**2
+        count, width = len(readings), len(self.scale_)
+        covariance, beyond = np.empty((count, width, width)), np.empty(count, bool)
+        unit = self.correlation_[None] if stated is None or stated.ndim == 2 else stated
+        _widened_rows(
+            readings, self.mean_, self.whitening_, self.limit_, self.scale_, self.growth_, unit,
+            covariance, beyond,
+        )  # fmt: skip
+        if stated is not None and stated.ndim == 2:
+            covariance *= stated[:, :, None] * stated[:, None, :]
+        return covariance, beyond
 
     def _fit_distance(self, readings: Array) -> Array:
         """Learn the distance; return its square for each row (s,)."""
@@ -132,12 +135,21 @@ def _distances(readings: Array, mean: Array, whitening: Array, square: Array) ->
 
 
 @compiled
-def _sigma_rows(square: Array, limit: float, scale: Array, growth: Array, sigma: Array) -> None:
-    """Write factors of sigma (s, l) at squared distances (s,)."""
+def _widened_rows(
+    readings: Array, mean: Array, whitening: Array, limit: float, scale: Array, growth: Array,
+    unit: Array, covariance: Array, beyond: Bools,
+) -> None:  # fmt: skip
+    """Write covariances (s, l, l) of those of unit scale, one or (s, l, l), and what is beyond."""
+    square, sigma = np.empty(len(readings)), np.empty(len(scale))
+    _distances(readings, mean, whitening, square)
     for s in range(len(square)):
-        beyond = max(1.0, square[s] / limit**2)
+        far = square[s] / limit**2
+        beyond[s] = far > 1.0
         for k in range(len(scale)):
-            sigma[s, k] = scale[k] * math.sqrt(beyond * (1.0 + growth[k] * square[s]))
+            sigma[k] = scale[k] * math.sqrt(max(1.0, far) * (1.0 + growth[k] * square[s]))
+            for j in range(k + 1):
+                covariance[s, k, j] = unit[s % len(unit), k, j] * sigma[k] * sigma[j]
+                covariance[s, j, k] = covariance[s, k, j]
 
 
 def _sigmas(stated: Array | None, shape: tuple[int, ...]) -> Array:

@@ -466,6 +466,7 @@ def _posterior(
     a, b, none, square = np.empty((n, n)), np.empty((n, k)), np.empty(0), np.empty((0, 0))
     for s in range(x.shape[0]):
         now, costs[s] = starts[s].copy(), np.inf
+        x[s], out[s], covariance[s] = np.nan, np.nan, np.nan
         cost = _descend(
             readings, answers, y[s], none, noise[s], none, prior[s], information[s], free, p, data,
             now, MOST_STEPS,
@@ -487,14 +488,15 @@ def _posterior(
 
 
 @compiled
-def nearest(readings: Array, ways: Array, seen: Array, found: Integers) -> None:
-    """Write the rows (s,) of a table that read what is nearest to readings (s, m).
+def nearest(readings: Array, ways: Array, seen: Array, table: Array, starts: Array) -> None:
+    """Write the first states (s, ...) of starts from the row of a table (g, ...) that reads alike.
 
-    `seen` (g, d) are the readings of the table projected by `ways` (m, d); NaN counts as 0.
+    `seen` (g, d) are the readings of the table projected by `ways` (m, d), as readings (s, m) are;
+    NaN counts as 0.
     """
     point = np.empty(ways.shape[1])
     for s in range(len(readings)):
-        point[:], size, found[s] = 0.0, np.inf, 0
+        point[:], size, found = 0.0, np.inf, 0
         for m in range(ways.shape[0]):
             if np.isfinite(readings[s, m]):
                 for d in range(point.size):
@@ -504,7 +506,8 @@ def nearest(readings: Array, ways: Array, seen: Array, found: Integers) -> None:
             for d in range(point.size):
                 away += (seen[g, d] - point[d]) ** 2
             if away < size:
-                size, found[s] = away, g
+                size, found = away, g
+        starts[s, : table.shape[1]] = table[found]
 
 
 def invert(model: ModelPrior, fit: Calibration, frames: Frames, starts: Array) -> Posterior:
@@ -513,8 +516,8 @@ def invert(model: ModelPrior, fit: Calibration, frames: Frames, starts: Array) -
     Descents begin at starts (s, n). A frame whose state is undetermined has NaN.
     """
     (count, n), wide = starts.shape, len(model.answer_noise)
-    x, out, costs = np.full((count, n), np.nan), np.full((count, wide), np.nan), np.empty(count)
-    covariance = np.full((count, wide, wide), np.nan)
+    x, out, costs = np.empty((count, n)), np.empty((count, wide)), np.empty(count)
+    covariance = np.empty((count, wide, wide))
     _posterior(
         model_address(model.readings), model_address(model.answers), frames.readings, frames.prior,
         frames.noise, frames.information, frames.free, fit.parameters, model.data, fit.root,

@@ -21,6 +21,28 @@ REMANENCE_SLOPE = -1.2e-3  # a degree
 EXPANSION = 3e-4  # a degree, of soft bodies
 FITTED = (0.0, 50.0)  # degrees Celsius over which [3] fitted its polynomial
 LEAST_SENSITIVITY = 0.1
+COLDEST, HOTTEST = -60.0, 200.0  # degrees Celsius, of any chip
+
+
+def plausible_temperature(chips: Array) -> Array:
+    """Temperatures (..., t) (degrees Celsius), NaN where no chip can have them.
+
+    Exactly 0 on all chips of a frame is what boards send that measure none.
+    """
+    found = np.array(chips, np.float64, order='C')
+    _blank_implausible(found.reshape(-1, found.shape[-1]))
+    return found
+
+
+@compiled
+def _blank_implausible(chips: Array) -> None:
+    for frame in chips:
+        measured = False
+        for one in frame:
+            measured |= one != 0.0
+        for t in range(len(frame)):
+            if not (measured and COLDEST <= frame[t] <= HOTTEST):
+                frame[t] = np.nan
 
 
 def hall_sensitivity(

@@ -41,7 +41,6 @@ from tactile_ros.types.frame import (
     TaxelStatus,
     admit_name,
     as_shape,
-    plausible_temperature,
 )
 from tactile_ros.types.recording import TRUTH_KEYS, Recording, groups_of, join
 
@@ -50,5 +49,5 @@ __all__ = [
     'ContactState', 'ContactStates', 'Device', 'Estimation', 'Estimator', 'Frame', 'FrameStatus',
     'GripCommand', 'Integers', 'JointLimits', 'Layout', 'Outline', 'Recording', 'Report',
     'SensorConfig', 'Signals', 'Singles', 'Table', 'TaxelStatus', 'Twin', 'admit_name', 'as_shape',
-    'field_shape', 'groups_of', 'join', 'plausible_temperature',
+    'field_shape', 'groups_of', 'join',
 ]  # fmt: skip

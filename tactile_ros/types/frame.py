@@ -39,18 +39,6 @@ def as_shape(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> Array:
     return array
 
 
-COLDEST, HOTTEST = -60.0, 200.0  # degrees Celsius
-
-
-def plausible_temperature(chips: Array) -> Array:
-    """Temperatures (..., t) (degrees Celsius), NaN where no chip can have them.
-
-    Exactly 0 on all chips of a frame is what boards send that measure none.
-    """
-    measured = (chips != 0).any(axis=-1, keepdims=True)
-    return np.where(measured & (chips >= COLDEST) & (chips <= HOTTEST), chips, np.nan)
-
-
 MOST_CHARACTERS = 100
 # letters and digits of any script, and what names of frames, units and objects are written with
 NAME = re.compile(r'[\w .,:/()\[\]+*%^=#°~-]*')

@@ -39,6 +39,7 @@ from tactile_ros.evaluation.replay import (
 )
 from tactile_ros.nodes.contact_loop import ContactLoop
 from tactile_ros.nodes.enrolment_server import Enrolment, EnrolRequest
+from tactile_ros.physics.temperature import plausible_temperature
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.types import (
@@ -49,7 +50,6 @@ from tactile_ros.types import (
     Layout,
     Recording,
     TaxelStatus,
-    plausible_temperature,
 )
 
 STEP_NS = 20_000_000

@@ -22,6 +22,7 @@ from tactile_ros.physics.field_table import SHAPE, disc_table, reach_under, tabl
 from tactile_ros.physics.magnetics import dipole_field
 from tactile_ros.physics.temperature import CALIBRATED_AT, EXPANSION, REMANENCE_SLOPE
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig
+from tactile_ros.sensors.gradiometer.temperature import mean_row
 from tactile_ros.types import Array, Bools, Integers
 
 Answers = Sequence[Sequence[str | int]]
@@ -271,25 +272,30 @@ def disc_answers(
 
 
 @compiled
-def prior_rows(
-    now: Array, then: Array, variance: Array, usual: Array, usual_noise: Array, spread: float,
-    thermal: bool, prior: Array, information: Array, noise: Array, free: Bools,
+def frame_rows(
+    values: Array, baseline: Array, now: Array, chips: Array, usual_c: float, variance: Array,
+    usual: Array, usual_noise: Array, spread: float, thermal: bool, readings: Array, prior: Array,
+    information: Array, noise: Array, free: Bools,
 ) -> None:  # fmt: skip
-    """Write prior mean (0 before), inverse variance (s, 19) and noise (s, 2 t) of frames.
+    """Write readings and noise (s, 2 t) (mT) of frames; mean, inverse variance (s, 19) of priors.
 
-    `now` (s, 4) are the chip's and the magnet's temperature with their sigmas, `then` (s,) both at
-    the tare, which differ by `spread` where it is NaN; `variance` (s,) is the tare's over a
-    frame's. `usual` (19,) is the inverse variance of the rest of the state. States that are
+    `now` (s, 4) are the chip's and the magnet's temperature with their sigmas, `chips` (s, t) were
+    measured at the tare, where both differ by `spread` if none was; `variance` (s,) is the tare's
+    over a frame's. `usual` (19,) is the inverse variance of the rest of the state. States that are
     estimated in any frame become `free` (19,).
     """
     for s in range(len(prior)):
-        information[s] = usual
+        information[s], prior[s] = usual, 0.0
         noise[s] = usual_noise * math.sqrt(1.0 + variance[s])
-        known = math.isfinite(then[s])
+        for q in range(values.shape[1]):
+            for c in range(2):
+                readings[s, 2 * q + c] = (values[s, q, c] - baseline[s, q, c]) / MT
+        then = mean_row(chips[s]) - usual_c
+        known = math.isfinite(then)
         for part in range(2):
             i, sigma = MAGNET if part == 0 else CHIP, now[s, 3 - 2 * part]
             before = 0.0 if known else spread
-            prior[s, i], prior[s, i + 1] = now[s, 2 - 2 * part], then[s] if known else 0.0
+            prior[s, i], prior[s, i + 1] = now[s, 2 - 2 * part], then if known else 0.0
             if part == 0 and not thermal:
                 prior[s, i], prior[s, i + 1], sigma, before = 0.0, 0.0, 0.0, 0.0
             information[s, i] = 1.0 / max(sigma, FIXED) ** 2

@@ -42,7 +42,7 @@ from tactile_ros.physics.compiled import compiled
 from tactile_ros.physics.field_table import SHAPE
 from tactile_ros.physics.temperature import hall_sensitivity
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig
-from tactile_ros.sensors.gradiometer.temperature import Thermometer, drift_rows, mean_of
+from tactile_ros.sensors.gradiometer.temperature import Thermometer, drift_rows, mean_of, mean_row
 from tactile_ros.sensors.gradiometer.twin import LEAST_NOISE, field_model, terms
 from tactile_ros.types.contracts import Estimation, Estimator, Report, Signals
 from tactile_ros.types.frame import Array, Bools, Columns, FrameStatus, Integers
@@ -118,7 +118,7 @@ class GradiometerEstimation(Estimation):
     @property
     def estimators(self) -> dict[str, str]:
         """Name of the estimator in use for each target."""
-        return {str(name): self.method_ for name, _ in self.answers_}
+        return dict.fromkeys(self._placed[0], self.method_)
 
     @property
     def report(self) -> Report:
@@ -152,9 +152,9 @@ class GradiometerEstimation(Estimation):
         if temperature_c is not None:
             count = len(drift)
             drift_rows(
-                np.ascontiguousarray(baseline).reshape(count, -1), mean_of(reference_c),
-                mean_of(temperature_c), self.config.sensitivity, *FOLLOWED,
-                drift.reshape(count, -1),
+                np.ascontiguousarray(baseline).reshape(count, -1),
+                np.ascontiguousarray(reference_c), np.ascontiguousarray(temperature_c),
+                self.config.sensitivity, *FOLLOWED, drift.reshape(count, -1),
             )  # fmt: skip
         return drift
 
@@ -175,29 +175,26 @@ class GradiometerEstimation(Estimation):
 
     def _frames(self, signals: Signals, memory: Array) -> Frames:
         """Changes of reading (mT) with the prior of each frame."""
-        count, thermometer, usual = len(signals.good), self.thermometer_, self._usual_information
-        change = signals.values - signals.baseline if self.tared_ else signals.values
-        now = thermometer.follow(signals, memory)
-        then, variance = np.full(count, np.nan), np.zeros(count)
-        spread = 0.0
-        if self.tared_ and np.isfinite(thermometer.usual_):
-            spread = thermometer.spread_
-            if signals.rest_temperature_c is not None:
-                then = mean_of(signals.rest_temperature_c) - thermometer.usual_
-        if self.tared_ and signals.baseline_variance is not None:
-            variance = signals.baseline_variance
-        prior, information = np.zeros((2, count, disc.STATES))
-        noise, free = np.empty((count, len(self.model.noise))), usual < FIXED**-2
-        disc.prior_rows(
-            now, then, variance, usual, self.model.noise, spread, self.config.thermal_term, prior,
-            information, noise, free,
+        values, thermometer, usual = signals.values, self.thermometer_, self._usual_information
+        base, then, variance, spread = np.zeros(values.shape), None, None, 0.0
+        if self.tared_:
+            base, spread = np.ascontiguousarray(signals.baseline), thermometer.spread_
+            then, variance = signals.rest_temperature_c, signals.baseline_variance
+        count = len(values)
+        chips = np.full((count, 1), np.nan) if then is None else np.ascontiguousarray(then)
+        prior, information = np.empty((2, count, disc.STATES))
+        readings, noise = np.empty((2, count, len(self.model.noise)))
+        free = usual < FIXED**-2
+        disc.frame_rows(
+            values, base, thermometer.follow(signals, memory), chips, thermometer.usual_,
+            np.zeros(count) if variance is None else variance, usual, self.model.noise, spread,
+            self.config.thermal_term, readings, prior, information, noise, free,
         )  # fmt: skip
-        readings = change.reshape(count, -1) / disc.MT
-        return Frames(readings, prior, information, noise, np.flatnonzero(free))
+        return Frames(readings, prior, information, noise, free.nonzero()[0])
 
     @cached_property
     def _starts(self) -> tuple[Array, Array, Array]:
-        """States (g, 19) where descents may start, their projected readings, the projection."""
+        """Places (g, 3) where descents may start, their projected readings, the projection."""
         model, gap = self.model, self.config.gap / disc.MM
         side, depth = np.linspace(-0.5, 0.5, 9) * gap, np.linspace(-0.75, 0.05, 9) * gap
         places = np.stack(np.meshgrid(side, side, depth, indexing='ij'), axis=-1).reshape(-1, 3)
@@ -207,7 +204,7 @@ class GradiometerEstimation(Estimation):
         ways = disc.difference_basis(slopes[0], self.measured)
         if not self.config.stray_term or ways.shape[1] < 3:
             ways = np.eye(len(model.noise))
-        return states, read @ ways, ways
+        return places, read @ ways, ways
 
     @cached_property
     def measured(self) -> Bools:
@@ -217,11 +214,9 @@ class GradiometerEstimation(Estimation):
 
     def invert(self, frames: Frames) -> Posterior:
         """States and answers, from the place of a table that reads most alike."""
-        states, seen, ways = self._starts
-        found = np.empty(len(frames.readings), np.int64)
-        nearest(frames.readings, ways, seen, found)
-        starts = states[found]
-        starts[:, disc.TILT :] = frames.prior[:, disc.TILT :]
+        places, seen, ways = self._starts
+        starts = frames.prior.copy()
+        nearest(frames.readings, ways, seen, places, starts)
         return invert(self.model, self.fit_, frames, starts)
 
     def contact_from_sensor(self, signals: Signals) -> npt.NDArray[np.int8]:
@@ -414,10 +409,16 @@ class GradiometerEstimation(Estimation):
 
     def _drivers(self, states: Array) -> Array:
         """Places (s, 3), and the magnet's temperature where the fit saw several."""
-        place = states[:, : disc.TILT] / self.unit_
-        if self.thermometer_.varies:
-            return np.column_stack([place, states[:, disc.MAGNET] / self.thermometer_.spread_])
-        return place
+        columns, sizes = self._driving
+        return states.take(columns, axis=1) / sizes
+
+    @cached_property
+    def _driving(self) -> tuple[Integers, Array]:
+        """States (m,) that drive errors, and their sizes (m,)."""
+        columns = np.append(np.arange(disc.TILT), disc.MAGNET)
+        sizes = np.append(np.full(disc.TILT, self.unit_), self.thermometer_.spread_)
+        count = disc.TILT + self.thermometer_.varies
+        return columns[:count], sizes[:count]
 
     def _features(self, signals: Signals) -> Array:
         """Features of regressors: fields (s, 2 t) (T), and the temperature where it varied."""
@@ -485,25 +486,35 @@ class GradiometerEstimation(Estimation):
 
         The memory (7,) of the stream moves on.
         """
-        clipped = (np.abs(signals.values) >= self._clipping).any(axis=(1, 2))
         if self.regressor_ is not None:
-            answers, covariance, field, flags = self._regress(signals)
+            answers, covariance, field, beyond = self._regress(signals)
+            near = np.zeros(len(field), bool)
         else:
-            answers, covariance, field, flags = self._estimate(signals, np.asarray(memory))
-        known: Columns = {'stray_field': field}
-        status = flags | clipped * SATURATED | self._unusual_temperature(signals) * OUT_OF_RANGE
-        if self.answers_:
-            status = status | self._spell(known, answers, covariance, signals) * ABSTAINED
-        known['status'] = status
+            answers, covariance, field, beyond, near = self._estimate(signals, np.asarray(memory))
+        names, target, axis = self._placed
+        count, chips = len(answers), signals.temperature_c
+        mean, spread = np.empty((len(names), count, 3)), np.empty((len(names), count, 3, 3))
+        valid, status = np.empty(count, bool), np.empty(count, np.int64)
+        answer_rows(
+            answers, covariance, signals.in_contact, self.largest_, target, axis, signals.values,
+            self._clipping, near, beyond, np.empty((0, 0)) if chips is None else chips,
+            self._usual_span, mean, spread, valid, status,
+        )  # fmt: skip
+        known: Columns = {'stray_field': field, 'status': status}
+        for name, own, one in zip(names, mean, spread, strict=True):
+            known[name], known[f'{name}_cov'] = own, one
+        if names:
+            known['valid'] = valid
         return known
 
-    def _estimate(self, signals: Signals, memory: Array) -> tuple[Array, Array, Array, Integers]:
-        """Answers, covariances, stray field and flags by inversion."""
+    def _estimate(
+        self, signals: Signals, memory: Array
+    ) -> tuple[Array, Array, Array, Bools, Bools]:
+        """Answers, covariances, stray field by inversion; rows out of range, beside a magnet."""
         frames = self._frames(signals, memory)
         found = self.invert(frames)
         answers, covariance, states = found.answers, found.answer_covariance, found.states
-        near = found.chi_square > self.threshold_
-        flags = near * STRAY_FIELD
+        near, beyond = found.chi_square > self.threshold_, np.zeros(len(states), bool)
         if np.count_nonzero(near):
             rows = np.flatnonzero(near)
             beside = self._invert_disturbed(frames.of(rows), states[rows])
@@ -511,12 +522,10 @@ class GradiometerEstimation(Estimation):
             wide = self.near_scale_[:, None] * self.near_scale_
             covariance[rows] = wide * beside.answer_covariance
         if self.covariance_ is not None:
-            # smooth functions of the place are no better than references are taken to be
-            covariance = covariance + np.diag((disc.LEAST_NOISE * self.spread_) ** 2)
+            covariance = covariance + self._least_variance
             covariance, beyond = self.covariance_.predict(covariance, self._drivers(states))
-            flags |= (beyond & (signals.in_contact != 0)) * OUT_OF_RANGE
-        field = disc.MT * states[:, disc.UNIFORM : disc.MAGNET]
-        return answers, covariance, np.where(self.measured, field, np.nan), flags
+        field = self._shown * states[:, disc.UNIFORM : disc.MAGNET]
+        return answers, covariance, field, beyond, near
 
     @cached_property
     def _field_of_channels(self) -> Array:
@@ -529,30 +538,36 @@ class GradiometerEstimation(Estimation):
         """Size of a reading (2,) so near its limit that noise may hide that it is clipped."""
         if self.config.saturation is None:
             return np.full(2, np.inf)
-        limit = np.asarray(self.config.saturation, float)
+        limit = np.broadcast_to(np.asarray(self.config.saturation, np.float64), 2)
         return limit - np.minimum(SIGMAS * self.noise_, MOST_MARGIN * limit)
 
-    def _regress(self, signals: Signals) -> tuple[Array, Array, Array, Integers]:
-        """Answers, covariances, stray field and flags by a regressor."""
+    @cached_property
+    def _shown(self) -> Array:
+        """Tesla per mT of the components (3,) of a uniform field that are measured, or NaN."""
+        return np.where(self.measured, disc.MT, np.nan)
+
+    @cached_property
+    def _least_variance(self) -> Array:
+        """Covariance (l, l) of references, than which no function of the place is better."""
+        return np.diag((disc.LEAST_NOISE * self.spread_) ** 2)
+
+    def _regress(self, signals: Signals) -> tuple[Array, Array, Array, Bools]:
+        """Answers, covariances and stray field by a regressor; rows out of range."""
         assert self.regressor_ is not None
         assert self.covariance_ is not None
         x = self._features(signals)
         covariance, beyond = self.covariance_.predict(None, x)
         change = (x[:, : len(self.level_)] - self.level_).reshape(len(x), -1, 2)
         field = change.reshape(len(x), -1) @ self._field_of_channels
-        flags = (beyond & (signals.in_contact != 0)) * OUT_OF_RANGE
         field = np.where(self.measured, field, np.nan)
-        return self.regressor_.predict(x), covariance, field, flags
+        return self.regressor_.predict(x), covariance, field, beyond
 
-    def _unusual_temperature(self, signals: Signals) -> Bools:
-        """Rows (s,) at temperatures that the fit did not see, or that nothing measured."""
-        low, high = self.thermometer_.span_
-        if not (self.answers_ and np.isfinite(low)):
-            return np.zeros(len(signals.good), bool)
-        if signals.temperature_c is None:
-            return np.ones(len(signals.good), bool)
-        chip = mean_of(signals.temperature_c)
-        return np.asarray((chip < low - LEAST_RANGE) | (chip > high + LEAST_RANGE))
+    @cached_property
+    def _usual_span(self) -> Array:
+        """Least and highest temperature (degrees Celsius) that the fit saw; infinite: any."""
+        known = self.answers_ and np.isfinite(self.thermometer_.span_[0])
+        margin = LEAST_RANGE if known else np.inf
+        return np.asarray(self.thermometer_.span_ + np.array([-margin, margin]))
 
     @cached_property
     def _placed(self) -> tuple[list[str], Integers, Integers]:
@@ -569,25 +584,6 @@ class GradiometerEstimation(Estimation):
         for number, name in enumerate(names):
             own = np.flatnonzero(target == number)
             yield name, own, axis[own]
-
-    def _spell(self, known: Columns, answers: Array, covariance: Array, signals: Signals) -> Bools:
-        """Spread answers (s, l) over the targets' components, NaN where never learned.
-
-        Rows in which an answer cannot be, and is NaN, are returned; where none is left `valid` is
-        False.
-        """
-        count, (names, target, axis) = len(answers), self._placed
-        mean = np.full((len(names), count, 3), np.nan)
-        spread = np.full((len(names), count, 3, 3), np.nan)
-        valid, lost = np.empty((2, count), bool)
-        answer_rows(
-            answers, covariance, signals.in_contact, self.largest_, target, axis, mean, spread,
-            valid, lost,
-        )  # fmt: skip
-        for name, own, one in zip(names, mean, spread, strict=True):
-            known[name], known[f'{name}_cov'] = own, one
-        known['valid'] = valid
-        return lost
 
     # -- report ------------------------------------------------------------------------------
 
@@ -645,28 +641,43 @@ class GradiometerEstimation(Estimation):
         self.report_ |= {f'not learned: {one}': {} for one in said}
 
 
+SATURATED, STRAY_FIELD = int(FrameStatus.SATURATED), int(FrameStatus.STRAY_FIELD)
+OUT_OF_RANGE, ABSTAINED = int(FrameStatus.OUT_OF_RANGE), int(FrameStatus.ABSTAINED)
+
+
 @compiled
 def answer_rows(
     answers: Array, covariance: Array, contact: npt.NDArray[np.int8], largest: Array,
-    target: Integers, axis: Integers, mean: Array, spread: Array, valid: Bools, lost: Bools,
+    target: Integers, axis: Integers, values: Array, clipping: Array, near: Bools, beyond: Bools,
+    chips: Array, usual_c: Array, mean: Array, spread: Array, valid: Bools, status: Integers,
 ) -> None:  # fmt: skip
-    """Write answers (s, l) as components of targets (k, s, 3), with covariances (k, s, 3, 3).
+    """Write answers (s, l) as components of targets (k, s, 3), their covariances, and the status.
 
-    In touched rows no component of a target is written where one cannot be: such rows are `lost`
-    (s,), those with an answer left `valid` (s,). In untouched rows, contact 0, 0 will be answered:
-    what was estimated is the error of that, and its square belongs to the covariance.
+    In touched rows no component of a target is written where one cannot be; those with an answer
+    left are `valid` (s,). In untouched rows, contact 0, 0 will be answered: what was estimated is
+    the error of that, and its square belongs to the covariance. The status says which rows are
+    clipped, `near` a magnet, `beyond` the fit, or of `chips` (s, t) (degrees Celsius; no row: not
+    measured) beyond its usual ones (2,).
     """
     wrong = np.empty(len(mean), np.bool_)
+    mean[:], spread[:] = np.nan, np.nan
     for s in range(len(answers)):
         still = contact[s] == 0
-        valid[s] = lost[s] = wrong[:] = False
+        valid[s] = wrong[:] = False
+        chip = mean_row(chips[s]) if len(chips) > 0 else np.inf
+        unusual = chip < usual_c[0] or chip > usual_c[1] or (beyond[s] and not still)
+        status[s] = (STRAY_FIELD if near[s] else 0) | (OUT_OF_RANGE if unusual else 0)
+        for q in range(values.shape[1]):
+            for c in range(len(clipping)):
+                if abs(values[s, q, c]) >= clipping[c]:
+                    status[s] |= SATURATED
         for i in range(len(target)):
-            beyond = not abs(answers[s, i]) <= FARTHEST * largest[i]
-            beyond |= covariance[s, i, i] > largest[i] ** 2
-            wrong[target[i]] |= beyond and not still
+            impossible = not abs(answers[s, i]) <= FARTHEST * largest[i]
+            impossible |= covariance[s, i, i] > largest[i] ** 2
+            wrong[target[i]] |= impossible and not still
         for i in range(len(target)):
             if wrong[target[i]]:
-                lost[s] = True
+                status[s] |= ABSTAINED
                 continue
             mean[target[i], s, axis[i]] = answers[s, i]
             valid[s] |= math.isfinite(answers[s, i])
@@ -674,10 +685,6 @@ def answer_rows(
                 if target[i] == target[j]:
                     hidden = answers[s, i] * answers[s, j] if still else 0.0
                     spread[target[i], s, axis[i], axis[j]] = covariance[s, i, j] + hidden
-
-
-SATURATED, STRAY_FIELD = np.int64(FrameStatus.SATURATED), np.int64(FrameStatus.STRAY_FIELD)
-OUT_OF_RANGE, ABSTAINED = np.int64(FrameStatus.OUT_OF_RANGE), np.int64(FrameStatus.ABSTAINED)
 
 
 def relative(errors: Array, spread: Array) -> float:

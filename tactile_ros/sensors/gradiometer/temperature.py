@@ -11,9 +11,9 @@ import math
 
 import numpy as np
 
-from tactile_ros.physics.compiled import compiled
+from tactile_ros.physics.compiled import compiled, inlined
 from tactile_ros.physics.temperature import REMANENCE_SLOPE, hall_ratio
-from tactile_ros.types import Array, Bools, Signals
+from tactile_ros.types import Array, Bools, Integers, Signals
 
 SECONDS_PER_NS = 1e-9
 LEAST_RANGE = 3.0  # degrees that are one temperature
@@ -27,27 +27,38 @@ LONG = 2.0  # lags that a stream lasts
 STAMP, CHIP, MAGNET, NOISE, DRIFT, MEASURED, SKIPPED = 0, 1, 2, 3, 4, 5, 6  # of the memory
 
 
+@inlined
+def mean_row(chips: Array) -> float:
+    """Mean of the temperatures of chips (t,) that are finite, NaN where none is."""
+    total = count = 0.0
+    for one in chips:
+        if math.isfinite(one):
+            total, count = total + one, count + 1.0
+    return total / count if count > 0 else np.nan
+
+
 @compiled
 def follow_chip(
-    chip: Array, second: Array, restart: Bools, lag: float, rate: float, noise: float,
-    spread: float, memory: Array, out: Array,
+    chips: Array, usual: float, stamp_ns: Integers, restart: Bools, lag: float, rate: float,
+    noise: float, spread: float, memory: Array, out: Array,
 ) -> None:  # fmt: skip
     """Write chip and magnet with their sigmas (s, 4) (K); the memory (7,) of the stream moves on.
 
-    `chip` (s,) are temperatures from the usual one, NaN where none was measured; `rate` is how far
-    they go in a second (K), `spread` (K) in any time.
+    Temperatures are the mean of those of `chips` (s, t) that were measured, less the `usual` one;
+    `rate` is how far they go in a second (K), `spread` (K) in any time.
     """
-    for s in range(chip.size):
-        known, since = math.isfinite(chip[s]), second[s] - memory[STAMP]
+    for s in range(len(chips)):
+        chip, second = mean_row(chips[s]) - usual, SECONDS_PER_NS * stamp_ns[s]
+        known, since = math.isfinite(chip), second - memory[STAMP]
         if restart[s] and memory[MEASURED] > 0:
-            apart = abs(chip[s] - memory[CHIP]) if known else 0.0
+            apart = abs(chip - memory[CHIP]) if known else 0.0
             if since <= 0 or since > max(lag, 1e-3) or apart > SAME:
                 memory[MEASURED] = 0.0
         if memory[MEASURED] == 0:
             memory[:], since = 0.0, 0.0
-            memory[STAMP], memory[DRIFT] = second[s], 0.0 if known else spread
+            memory[STAMP], memory[DRIFT] = second, 0.0 if known else spread
             if known:
-                memory[MEASURED], memory[CHIP], memory[MAGNET] = 1.0, chip[s], chip[s]
+                memory[MEASURED], memory[CHIP], memory[MAGNET] = 1.0, chip, chip
                 memory[NOISE] = noise
         since = max(since, 0.0)
         fade = math.exp(-since / lag) if lag > 0 else 0.0
@@ -56,13 +67,13 @@ def follow_chip(
             if since > 0:
                 share = (1.0 - fade) * lag / since
                 mean = fade * memory[MAGNET] + (share - fade) * memory[CHIP]
-                memory[MAGNET] = mean + (1.0 - share) * chip[s]
+                memory[MAGNET] = mean + (1.0 - share) * chip
                 memory[NOISE] = math.hypot(fade * memory[NOISE], (1.0 - fade) * noise)
                 # how far temperatures leave the line between those that were measured
                 bow = BOW * gone * (1.0 - fade) * memory[SKIPPED]
                 memory[DRIFT] = math.hypot(fade * memory[DRIFT], bow)
-            memory[CHIP], memory[STAMP], memory[SKIPPED] = chip[s], second[s], 0.0
-            out[s, 0], out[s, 1], out[s, 2] = chip[s], noise, memory[MAGNET]
+            memory[CHIP], memory[STAMP], memory[SKIPPED] = chip, second, 0.0
+            out[s, 0], out[s, 1], out[s, 2] = chip, noise, memory[MAGNET]
             out[s, 3] = math.hypot(memory[NOISE], memory[DRIFT])
         else:
             memory[SKIPPED] = 1.0
@@ -92,7 +103,7 @@ class Thermometer:
 
     def fit(self, signals: Signals) -> Thermometer:
         """Learn from the frames of a recording."""
-        chip = chip_temperature(signals)
+        chip = mean_of(chips_of(signals))
         known = np.isfinite(chip) & signals.good
         if not known.any():
             return self
@@ -123,16 +134,16 @@ class Thermometer:
         The memory (7,) of the stream moves on; frames without stamps have none.
         """
         out = np.zeros((len(signals.good), 4))
-        if not np.isfinite(self.usual_) or not len(out):
+        if not math.isfinite(self.usual_):
             return out
-        chip = chip_temperature(signals) - self.usual_
+        chips = chips_of(signals)
         if signals.stamp_ns is not None:
-            second = np.asarray(SECONDS_PER_NS * signals.stamp_ns, np.float64)
             follow_chip(
-                chip, second, signals.restart, self.lag_, self.rate_, self.noise_, self.spread_,
-                memory, out,
+                chips, self.usual_, signals.stamp_ns, signals.restart, self.lag_, self.rate_,
+                self.noise_, self.spread_, memory, out,
             )  # fmt: skip
             return out
+        chip = mean_of(chips) - self.usual_
         known = np.isfinite(chip)
         out[:, 0] = out[:, 2] = np.where(known, chip, 0.0)
         out[:, 1] = np.where(known, self.noise_, self.spread_)
@@ -142,29 +153,15 @@ class Thermometer:
         return out
 
 
-def chip_temperature(signals: Signals) -> Array:
-    """Mean temperature of the chips (s,) (degrees Celsius), NaN where none was measured."""
+def chips_of(signals: Signals) -> Array:
+    """Temperatures of the chips (s, t) (degrees Celsius), NaN where none was measured."""
     chips = signals.temperature_c
-    if chips is None:
-        return np.full(len(signals.good), np.nan)
-    return mean_of(chips)
+    return np.full(signals.values.shape[:2], np.nan) if chips is None else chips
 
 
 def mean_of(chips: Array) -> Array:
     """Mean (s,) of those of (s, t) that are finite, NaN where none is."""
-    mean = np.empty(len(chips))
-    _means(np.ascontiguousarray(chips), mean)
-    return mean
-
-
-@compiled
-def _means(chips: Array, mean: Array) -> None:
-    for s in range(len(chips)):
-        total = count = 0.0
-        for one in chips[s]:
-            if math.isfinite(one):
-                total, count = total + one, count + 1.0
-        mean[s] = total / count if count > 0 else np.nan
+    return np.array([mean_row(frame) for frame in np.ascontiguousarray(chips)], np.float64)
 
 
 @compiled
@@ -172,9 +169,9 @@ def drift_rows(
     baseline: Array, then_c: Array, now_c: Array, sensitivity: Array, low: float, high: float,
     drift: Array,
 ) -> None:  # fmt: skip
-    """Write changes (s, n) of baselines read at temperatures then (s,) until now (s,)."""
+    """Write changes (s, n) of baselines read at temperatures of chips then (s, t) until now."""
     for s in range(len(drift)):
-        now, then = now_c[s], then_c[s]
+        now, then = mean_row(now_c[s]), mean_row(then_c[s])
         ratio = hall_ratio(now, sensitivity, low, high) / hall_ratio(then, sensitivity, low, high)
         ratio *= 1.0 + REMANENCE_SLOPE * (now - then)
         share = ratio - 1.0 if math.isfinite(ratio) else 0.0

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from tactile_ros.conditioning.baseline import training_baseline_variance
 from tactile_ros.estimators.covariance import CovarianceModel
 from tactile_ros.estimators.grid_knn import GridKnn
-from tactile_ros.physics.temperature import REMANENCE_SLOPE
+from tactile_ros.physics.temperature import REMANENCE_SLOPE, plausible_temperature
 from tactile_ros.sensors.magnet_pad.body_model import (
     NOISE,
     STRAY,
@@ -41,7 +41,6 @@ from tactile_ros.types import (
     Report,
     SensorConfig,
     Signals,
-    plausible_temperature,
 )
 
 NOMINAL = 'nominal'
