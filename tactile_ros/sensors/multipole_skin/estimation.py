@@ -201,8 +201,7 @@ def lost_there(recogniser: Recogniser, new: SupportSet, number: int) -> dict[str
     if not len(labels):
         return {'lost_there': float('nan'), 'lost_there_at_most': float('nan')}
     # by how well each fits: the nearest one of classes that nobody described need not be alike
-    fits = class_chances(found[1][:, others], found[2][:, others], recogniser.usual_,
-                         recogniser.vary_)[0]  # fmt: skip
+    fits = class_chances(found[1][:, others], found[2][:, others])[0]
     chance = fits.mean(axis=0)
     taken = {
         f'lost_there {label}': float(one)

@@ -24,7 +24,6 @@ from tactile_ros.sensors.multipole_skin.recogniser import (
     WEAKEST,
     Recogniser,
     readings_of,
-    usual_misfit,
 )
 
 if TYPE_CHECKING:
@@ -203,7 +202,7 @@ def choose(recogniser: Recogniser, presses: Presses, outside: Presses, labels: L
     if recogniser.described:
         roads, fold = ('press_templates', 'press_both'), labels.folds
     found = {road: _validated(recogniser, presses, unseen, fold, road) for road in roads}
-    shares = {road: float((named == labels.label).mean()) for road, (named, _) in found.items()}
+    shares = {road: float((named == labels.label).mean()) for road, named in found.items()}
     if recogniser.described and labels.label.max() >= len(recogniser.outlines):
         shares['press_templates'] = 0.0  # they cannot name all
     # of roads that are as good, the one that needs the least to have been seen
@@ -212,10 +211,7 @@ def choose(recogniser: Recogniser, presses: Presses, outside: Presses, labels: L
     report = {'label_by_press': {f'accuracy_{road}': shares[road] for road in roads}}
     if recogniser.described:
         assert unseen is not None
-        named, misfit = found[best]
-        rightly = misfit[(named == labels.label) & np.isfinite(misfit)]
-        recogniser.usual_, recogniser.vary_ = usual_misfit(rightly)
-        report.update(_placed(recogniser, labels, unseen, presses, named))
+        report.update(_placed(recogniser, labels, unseen, presses, found[best]))
     return report
 
 
@@ -235,20 +231,18 @@ def _unaveraged(recogniser: Recogniser, presses: Presses, matches: Matches) -> f
 
 def _validated(
     recogniser: Recogniser, presses: Presses, matches: Matches | None, fold: Integers, road: str
-) -> tuple[Integers, Array]:
-    """Names of held-out presses, -1 where nothing is near, and their misfits."""
-    named, misfit = np.full(len(fold), -1), np.full(len(fold), np.inf)
+) -> Integers:
+    """Names of held-out presses, -1 where nothing is near."""
+    named = np.full(len(fold), -1)
     for i in np.unique(fold):
         rows = np.flatnonzero(fold == i)
         supports = recogniser.evidence_by(recogniser.known_.rows(np.flatnonzero(fold != i)), road)
         some = None if matches is None else matches.rows(rows)
-        classes, scores, misfits = recogniser.scores(presses.rows(rows), some, supports, road)
-        if not len(classes):
-            continue
-        best = scores.argmin(axis=1)
-        named[rows] = np.where(np.isfinite(scores.min(axis=1)), classes[best], -1)
-        misfit[rows] = misfits[np.arange(len(rows)), best]
-    return named, misfit
+        classes, scores, _ = recogniser.scores(presses.rows(rows), some, supports, road)
+        if len(classes):
+            near = np.isfinite(scores.min(axis=1))
+            named[rows] = np.where(near, classes[scores.argmin(axis=1)], -1)
+    return named
 
 
 def _placed(

@@ -38,9 +38,7 @@ if TYPE_CHECKING:
 
 NONE = 0.1  # how often something presses that is none of the classes
 UNLIKE = 4.6  # logarithm of the misfit, over which that is spread: a factor of a hundred
-UNTOLD = 0.8  # deviation of that logarithm where no press tells it
-LEAST_VARIED = 0.5  # of it: presses of some heads tell not how others differ
-FEW = 5  # presses, as which what is usual counts
+VARY = 0.8  # deviation of that logarithm of classes about 0
 BANKS: WeakValueDictionary[tuple[bytes, ...], PressBank] = WeakValueDictionary()  # those in use
 
 
@@ -56,29 +54,18 @@ def press_bank(model: SkinModel, heads: tuple[Outline, ...]) -> PressBank:
     return bank
 
 
-def usual_misfit(misfits: Array) -> tuple[float, float]:
-    """Mean and deviation of the logarithm of misfits of a class by its own presses.
-
-    Misfits (n,) are over their variance, of held-out presses that were named rightly.
-    """
-    found, count = np.log(np.maximum(misfits, 1e-3)), len(misfits) + FEW
-    usual = float(found.sum()) / count
-    square = (float(np.square(found - usual).sum()) + FEW * UNTOLD**2) / count
-    return usual, max(float(np.sqrt(square)), LEAST_VARIED)
-
-
-def class_chances(scores: Array, misfits: Array, usual: float, vary: float) -> tuple[Array, Array]:
+def class_chances(scores: Array, misfits: Array) -> tuple[Array, Array]:
     """Probabilities of classes, shape (n, k), and that it is none of them (n,).
 
     Scores (n, k) are twice the negative log-likelihood, inf: far away; misfits (n, k) are over
-    their variance; `usual` and `vary` are of `usual_misfit`. What is none of the classes fits
-    anyhow, within a wide factor; classes as held-out presses do, or better.
+    their variance. What is none of the classes fits anyhow, within a wide factor; classes as their
+    variance says, or better.
     """
     n, best = np.arange(len(scores)), scores.argmin(axis=1)
     near = np.isfinite(scores[n, best])
     low, misfit = np.where(near, scores[n, best], 0.0), np.where(near, misfits[n, best], 1.0)
-    away = np.maximum(np.log(np.maximum(misfit, 1e-3)) - usual, 0.0) / vary
-    fits = np.exp(-0.5 * np.square(away)) / (np.sqrt(2 * np.pi) * vary)
+    away = np.log(np.maximum(misfit, 1.0)) / VARY
+    fits = np.exp(-0.5 * np.square(away)) / (np.sqrt(2 * np.pi) * VARY)
     none = np.where(near, NONE / UNLIKE / (NONE / UNLIKE + (1 - NONE) * fits), 1.0)
     # where nothing fits well, differences of misfits say less
     likely = np.exp(-0.5 * (scores - low[:, None]) / np.maximum(misfit, 1.0)[:, None])
@@ -235,8 +222,6 @@ class Recogniser:
         Error of a pattern that frames do not average (T).
     covariance_ : CovarianceModel or None
         Of place and turn, from held-out presses.
-    usual_, vary_ : float
-        Of `usual_misfit`.
     """
 
     def __init__(
@@ -248,7 +233,6 @@ class Recogniser:
         self.known_ = self.enrolled_ = SupportSet.empty(len(noise))
         self.road_ = 'press_templates' if model is not None and outlines else 'press_neighbours'
         self.covariance_: CovarianceModel | None = None
-        self.usual_, self.vary_ = 0.0, UNTOLD
         self.still_ = STILL * float(np.mean(noise))
 
     @cached_property
@@ -371,7 +355,7 @@ class Recogniser:
         """Probabilities of classes, shape (n, k), and that it is none of them (n,)."""
         if not self.described:  # nothing is known of how other shapes fit: the nearest is named
             misfits = np.zeros_like(misfits)
-        return class_chances(scores, misfits, self.usual_, self.vary_)
+        return class_chances(scores, misfits)
 
     def answer(self, presses: Presses) -> Answers:
         """Estimate label, place and turn of presses (n)."""
