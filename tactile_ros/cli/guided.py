@@ -413,8 +413,8 @@ class Session:
             if len(guide.presses) >= LEAST and len(guide.presses) % ROUND == 0:
                 judge.begin(guide)
         self.log(self.instruction())
+        self.page.guide(self.as_json())  # first: a nominal model may have to be made
         self.page.show('', guide.layout, frame, self.nominal.process(frame))
-        self.page.guide(self.as_json())
 
     def instruction(self) -> str:
         """Sentence on what to do now."""

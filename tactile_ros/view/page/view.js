@@ -229,7 +229,7 @@ function paint() {
     if (performance.now() - answered > ANSWER_MS) note.textContent = control ? 'key T tares all sensors' : '';
     waiting = null;
   } else if (performance.now() - heard > 1000 && events.readyState === 1) {
-    note.textContent = heard ? 'no new frames for a second' : 'waiting for the first frame …';
+    note.textContent = cards.size ? 'no new frames for a second' : 'waiting for the first frame …';
   }
   requestAnimationFrame(paint);
 }
