@@ -445,13 +445,6 @@ def test_rests_at_other_temperatures_give_the_slope() -> None:
     assert span['most'] == pytest.approx(30.0, abs=0.3)
 
 
-def test_noise_of_thermometers_moves_no_force() -> None:
-    pipeline = SPEC.pipeline(estimator=TABLE).fit(warm(0.0, 300, 1, thermometer=5.0)[1])
-    touches, seen = warm(0.0, thermometer=5.0)
-    usual = judged(known_warm().process_batch(warm(0.0)[1]), touches)[0]
-    assert judged(pipeline.process_batch(seen), touches)[0] < 1.1 * usual
-
-
 def test_tare_brings_its_temperature_live_in_a_file_and_in_a_bag(tmp_path: Path) -> None:
     known_warm().save(tmp_path / 'pad.npz')
     pipeline = SPEC.load(tmp_path / 'pad.npz')

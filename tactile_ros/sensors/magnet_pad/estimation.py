@@ -55,10 +55,8 @@ OUT_OF_RANGE, STRAY_FIELD = int(FrameStatus.OUT_OF_RANGE), int(FrameStatus.STRAY
 NOTHING = 0.5  # of the spread of places over the pad: an uncertain place is not valid
 # sigma of the slope: two of them hold magnets that stay cold beside warm chips, and ferrite
 SLOPE_SIGMA, LEAST_SIGMA = 0.5, 0.05  # of the slope, before and after any recording
-THERMOMETERS = 3.0  # sigma of the thermometers, below which a difference may be their noise
 SMALL = 0.3  # of the noise of a channel, in all channels together
 TINY = 1e-18  # T2, far below the noise of any chip
-MEDIAN = 0.954  # of the size of the difference of two normal numbers
 WARMER = 3.0  # degrees beyond those of the fit, from which frames are out of range
 
 
@@ -73,8 +71,7 @@ class ThermalDrift:
     def __init__(self) -> None:
         # change of the resting field with a degree, over itself (1 / degree), and its sigma
         self.slope_, self.sigma_ = REMANENCE_SLOPE, SLOPE_SIGMA * abs(REMANENCE_SLOPE)
-        # noise of the chips' mean temperature (degrees); least and highest of a chip in the fit
-        self.thermometer_, self.span_ = 0.0, np.full(2, np.nan)
+        self.span_ = np.full(2, np.nan)  # least and highest temperature of a chip in the fit
         self.fitted_ = False
 
     @property
@@ -103,7 +100,6 @@ class ThermalDrift:
         measured = now_c[signals.good]
         if np.isfinite(measured).any():
             self.span_ = np.array([np.nanmin(measured), np.nanmax(measured)])
-        self.thermometer_ = _noise(np.where(np.isfinite(then_c), now_c, np.nan)[signals.good])
         rest = signals.good & (signals.in_contact == 0)
         base, change = signals.baseline[rest], (signals.values - signals.baseline)[rest]
         lever = base * self.rise(then_c[rest], now_c[rest])[:, None, None]
@@ -130,13 +126,12 @@ class ThermalDrift:
     def rise(self, then_c: Array, now_c: Array) -> Array:
         """Degrees (s,) by which chips (s, t) are warmer than at the tare; 0 where none measured.
 
-        What may be the noise of thermometers is taken for it, and implausible ones are left out.
+        Implausible temperatures are left out.
         """
         apart = plausible_temperature(now_c) - then_c
         known = np.isfinite(apart)
         rise = np.where(known, apart, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
-        square, noise = rise * rise, THERMOMETERS * self.thermometer_
-        return np.asarray(rise * square / (square + noise**2 + 1e-12))
+        return np.asarray(rise)
 
     def change(self, base: Array, then_c: Array, now_c: Array | None) -> Array:
         """Change (s, t, c) of baselines (s, t, c) (T) since chips measured `then_c` (s, t)."""
@@ -165,13 +160,6 @@ class ThermalDrift:
             return np.zeros(len(signals.good), bool)
         low, high = self.span_
         return np.asarray(((chips < low - WARMER) | (chips > high + WARMER)).any(axis=1))
-
-
-def _noise(chips: Array) -> float:
-    """Noise of the mean temperature of frames (s, t), which change slowly (degrees)."""
-    chips = chips[:, np.isfinite(chips).any(axis=0)]
-    known = chips[np.isfinite(chips).all(axis=1)].mean(axis=1) if chips.size else np.zeros(0)
-    return float(np.median(np.abs(np.diff(known)))) / MEDIAN if len(known) > 1 else 0.0
 
 
 class Localisation(Regression):
