@@ -118,13 +118,10 @@ class LineConnection:
         )  # fmt: skip
 
 
-def open_lines(
-    port: str, taxels: int, scale: float = 1.0, baud: int = 115_200,
-    clock_ns: Callable[[], int] = time.monotonic_ns,
-) -> Device:  # fmt: skip
+def open_lines(port: str, taxels: int, scale: float = 1.0) -> Device:
     """Driver of a board that prints so many numbers a line, for whom no sensor is made yet."""
     layout = Layout(np.zeros((taxels, 3)), ('reading',), '1')
-    return LineConnection(port, baud, scale=scale).open(layout, clock_ns)
+    return LineConnection(port, scale=scale).open(layout, time.monotonic_ns)
 
 
 @dataclass(frozen=True)

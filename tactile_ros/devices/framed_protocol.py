@@ -117,9 +117,9 @@ def _describe(kind: int, count: int, size: int) -> str:
     return f'{name} (kind {kind}) of {count} in {size} bytes'
 
 
-def gradiometer(full_count: int = 0x7FFF) -> Payload:
+def gradiometer() -> Payload:
     """Payload of four pixels (Bx, Bz) and one chip temperature; int16 counts."""
-    return Payload(Kind.GRADIOMETER, GRADIOMETER_PIXELS, 2, full_count)
+    return Payload(Kind.GRADIOMETER, GRADIOMETER_PIXELS, 2, 0x7FFF)
 
 
 def taxel_matrix(count: int, full_count: int = 2**TAXEL_BITS - 1) -> Payload:
@@ -135,9 +135,9 @@ def five_wires(full_count: int = 0xFFFF, channels: int = 3) -> Payload:
     return Payload(Kind.WIRES, 1, channels, full_count)
 
 
-def three_axis_chips(count: int, full_count: int = 0x7FFF) -> Payload:
+def three_axis_chips(count: int) -> Payload:
     """Payload of `count` chips: temperature, x, y, z, and the state of the reading."""
-    return Payload(Kind.CHIPS, count, 3, full_count)
+    return Payload(Kind.CHIPS, count, 3, 0x7FFF)
 
 
 def frame_bytes(payload: Payload) -> int:

@@ -17,12 +17,13 @@ from tactile_ros.types import Array, Integers
 
 # A tree is no array: it is grown again where a calibration was loaded.
 _TREES: WeakKeyDictionary[GridKnn, cKDTree] = WeakKeyDictionary()
+NEARNESS = 1e-3
 
 
 class GridKnn:
     """Mean of the nearest training samples, weighted by one over the distance.
 
-    Samples nearer than `nearness`, in standard deviations of the features, count as equally near:
+    Samples nearer than `NEARNESS`, in standard deviations of the features, count as equally near:
     one that is met exactly does not silence the others' noise. Of samples at the same distance the
     first in the order of their own numbers is nearest: the order of the training rows does not
     matter.
@@ -38,9 +39,8 @@ class GridKnn:
     samples_: Array  # (n, d) standardised features of the training samples
     answers_: Array  # (n, k) their targets (unit of y)
 
-    def __init__(self, neighbours: int = 5, nearness: float = 1e-3) -> None:
+    def __init__(self, neighbours: int = 5) -> None:
         self.neighbours = neighbours
-        self.nearness = nearness
 
     def fit(self, x: Array, y: Array, groups: Integers | None = None) -> GridKnn:
         """Remember samples x (s, d) and targets y (s, k); groups are not used; see `Estimator`."""
@@ -63,7 +63,7 @@ class GridKnn:
         order = np.lexsort((index, np.round(distance, 12)), axis=1)[:, :count]
         distance = np.take_along_axis(distance, order, axis=1)
         index = np.take_along_axis(index, order, axis=1)
-        weight = 1 / np.maximum(distance, self.nearness)
+        weight = 1 / np.maximum(distance, NEARNESS)
         weight /= weight.sum(axis=1, keepdims=True)
         return np.asarray(np.einsum('sn,snk->sk', weight, self.answers_[index]))
 

@@ -34,12 +34,10 @@ class RbfForce:
     weights_: Array  # (h + 1, k) of the nodes and of a constant (unit of y)
 
     def __init__(
-        self, target: float = 1e-3, nodes: tuple[int, ...] = (4, 8, 16, 24, 32, 48, 64, 96),
-        seed: int = 0,
-    ) -> None:  # fmt: skip
+        self, target: float = 1e-3, nodes: tuple[int, ...] = (4, 8, 16, 24, 32, 48, 64, 96)
+    ) -> None:
         self.target = target
         self.nodes = nodes
-        self.seed = seed
 
     def fit(self, x: Array, y: Array, groups: Integers | None = None) -> RbfForce:
         """Learn from features (s, d) and targets (s, k); groups do not matter."""
@@ -53,7 +51,7 @@ class RbfForce:
         size = np.ptp(rows.y, axis=0)
         size = np.where(size > 0, size, 1.0)
         for count in self.nodes:
-            self.centres_ = k_means(scaled, min(count, len(scaled)), self.seed)
+            self.centres_ = k_means(scaled, min(count, len(scaled)), seed=0)
             self.width_ = _width(self.centres_)
             terms = self._terms(scaled)
             weights, *_ = np.linalg.lstsq(terms, rows.y, rcond=RCOND)

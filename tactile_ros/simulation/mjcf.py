@@ -102,10 +102,10 @@ def solid(
     </body>"""
 
 
-def balloon(stiffness: float, damping: float, place: Iterable[float], mass: float = 0.005) -> str:
+def balloon(stiffness: float, damping: float, place: Iterable[float]) -> str:
     """MJCF of a balloon named `object`, held at `place` (m), whose sides give way along x.
 
-    Stiffness and damping are those of each side (N/m, N s/m); mass in kg.
+    Stiffness and damping are those of each side (N/m, N s/m); it weighs 5 g.
     """
     radius = BALLOON / 2
     sides = ''.join(
@@ -114,7 +114,7 @@ def balloon(stiffness: float, damping: float, place: Iterable[float], mass: floa
         <joint name="{name}_side" type="slide" axis="{-sign} 0 0" stiffness="{stiffness}"
           damping="{damping}"/>
         <geom name="{name}_side" type="ellipsoid" size="{0.5 * radius} {radius} {radius}"
-          mass="{0.4 * mass}" rgba="0.9 0.3 0.35 0.8"/>
+          mass="0.002" rgba="0.9 0.3 0.35 0.8"/>
       </body>"""
         for name, sign in (('left', -1), ('right', 1))
     )
@@ -122,7 +122,7 @@ def balloon(stiffness: float, damping: float, place: Iterable[float], mass: floa
     <body name="object" pos="{_words(place)}" gravcomp="1">
       <joint name="object" type="slide" axis="1 0 0" damping="0.05"/>
       <geom name="object" type="ellipsoid" size="{0.72 * radius} {radius} {radius}"
-        mass="{0.2 * mass}" rgba="0.9 0.3 0.35 0.8" contype="0" conaffinity="0"/>{sides}
+        mass="0.001" rgba="0.9 0.3 0.35 0.8" contype="0" conaffinity="0"/>{sides}
     </body>"""
 
 

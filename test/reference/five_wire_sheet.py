@@ -17,7 +17,8 @@ NODES = 81
 FILM = 400  # random waves of the film
 REFERENCE, SHEET = 1000.0, 100.0  # ohm, ohm per square
 FELT = 0.4  # N: a load that a press of a stream reaches
-LAGS = np.array([0.3, 3.0])  # s
+LAGS, CREEP = np.array([0.3, 3.0]), 0.06  # s, and the share of either
+RATE_HZ = 25.0  # of a stream
 
 
 class SheetWorld:
@@ -150,23 +151,21 @@ def pressed(
     seed: int,
     *,
     hold_s: float = 1.2,
-    creep: float = 0.06,
-    rate_hz: float = 25.0,
 ) -> Recording:
     """A stream of presses with rests between them, on a film that creeps while it is held."""
     rng = np.random.default_rng(seed)
-    force, press = [np.zeros(round(rate_hz))], [np.full(round(rate_hz), -1)]
+    force, press = [np.zeros(round(RATE_HZ))], [np.full(round(RATE_HZ), -1)]
     for i, load in enumerate(loads):
-        held = round(hold_s * rng.uniform(0.7, 1.4) * rate_hz)
+        held = round(hold_s * rng.uniform(0.7, 1.4) * RATE_HZ)
         rise, fall = np.linspace(0.2, 1, 5), np.linspace(0.8, 0.2, 3)
-        force += [load * np.concatenate([rise, np.ones(held), fall]), np.zeros(round(rate_hz))]
-        press += [np.full(held + 8, i), np.full(round(rate_hz), -1)]
+        force += [load * np.concatenate([rise, np.ones(held), fall]), np.zeros(round(RATE_HZ))]
+        press += [np.full(held + 8, i), np.full(round(RATE_HZ), -1)]
     whole, number = np.concatenate(force), np.concatenate(press)
-    fade, past, crept = np.exp(-1 / (rate_hz * LAGS)), np.zeros(2), np.ones(len(whole))
+    fade, past, crept = np.exp(-1 / (RATE_HZ * LAGS)), np.zeros(2), np.ones(len(whole))
     for i, now in enumerate(whole):
         past = fade * past + (1 - fade) * now
         if now > 0:
-            crept[i] = np.exp(-creep * np.minimum(past / now, 1.5).sum())
+            crept[i] = np.exp(-CREEP * np.minimum(past / now, 1.5).sum())
     felt = whole > FELT
     where = places[number[felt]]
     clean = np.column_stack(
@@ -182,8 +181,8 @@ def pressed(
     return Recording.from_arrays(
         layout,
         np.clip(values, 0, 1)[:, None],
-        stamp_ns=np.round(np.arange(len(whole)) / rate_hz * 1e9).astype(np.int64),
-        tare=np.arange(len(whole)) < rate_hz,
+        stamp_ns=np.round(np.arange(len(whole)) / RATE_HZ * 1e9).astype(np.int64),
+        tare=np.arange(len(whole)) < RATE_HZ,
         truth={
             'position': position,
             'force': told,

@@ -17,16 +17,14 @@ TERMS = 60
 class FiveWireWorld:
     """Readings of touches on a square sheet of `size` (m)."""
 
-    def __init__(
-        self, seed: int, uneven: float = 0.3, noise: float = 2.5e-4, size: float = 0.1
-    ) -> None:
+    def __init__(self, seed: int) -> None:
         rng = np.random.default_rng(seed)
-        self.size, self.noise = size, noise
+        self.size, self.noise = 0.1, 2.5e-4
         turn = 2 * np.pi * (np.arange(4 * EDGE) + 0.5) / (4 * EDGE)
         waves = np.arange(1, 9)
         phase, height = rng.uniform(0, 2 * np.pi, 8), rng.normal(size=8) / waves**0.7
         bump = np.sin(np.outer(turn, waves) + phase) @ height
-        resistance = np.exp(uneven * bump / bump.std())
+        resistance = np.exp(0.3 * bump / bump.std())
         self.edges = [self._edges(resistance, 0), self._edges(resistance, EDGE)]
         self.centres = rng.uniform(-0.1, 1.1, (30, 2))
         self.gain, self.steepness = rng.normal(size=(2, 30))

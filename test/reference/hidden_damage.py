@@ -4,7 +4,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from tactile_ros.devices.reskin_protocol import ReskinDecoder, encode, frame_bytes
 from tactile_ros.devices.simulated_serial import damage
@@ -33,9 +32,7 @@ class HiddenDamage:
     good_lost: int
 
 
-def hidden_damage(
-    values: Array, kind: str, seed: int, trials: int, quantum: npt.ArrayLike | None = None
-) -> HiddenDamage:
+def hidden_damage(values: Array, kind: str, seed: int, trials: int) -> HiddenDamage:
     """Damage one frame of a locked stream again and again, rows of `values` (s, t, 3) (T)."""
     rng = np.random.default_rng(seed)
     size = frame_bytes(values.shape[1])
@@ -44,7 +41,7 @@ def hidden_damage(
     for _ in range(trials):
         sent = [frames[i] for i in rng.integers(len(frames), size=7)]
         stream = b''.join([*sent[:3], damage(sent[3], kind, rng), *sent[4:]])
-        decoded = ReskinDecoder(values.shape[1], quantum).feed(stream)
+        decoded = ReskinDecoder(values.shape[1]).feed(stream)
         got = _cut(encode(decoded.values, decoded.temperature_c), size)
         false = [frame for frame in got if frame not in sent]
         lost = max(lost, sum(frame not in got for frame in sent[:3] + sent[4:]))
