@@ -607,7 +607,7 @@ def sigma_calibration(targets: Sequence[metrics.TargetErrors]) -> Figure:
     plot.band(ends, ends - 5, ends + 5, 'band ink')
     for i, target in enumerate(targets[:4]):
         stated = target.variance > 0
-        ratio = np.abs(target.error[stated] / np.sqrt(target.variance[stated]))
+        ratio = np.abs(target.judged[stated] / np.sqrt(target.variance[stated]))
         ratio = np.sort(ratio[np.isfinite(ratio)])
         if len(ratio):
             share = np.searchsorted(ratio, limits, side='right') / len(ratio)

@@ -260,9 +260,15 @@ class TargetErrors:
         """Summarise all rows, once: drawings may keep some of them."""
         if self.coverage is UNCOVERED:
             groups = np.repeat(self.groups, self.error.shape[1])
-            covered = coverage(self.error.ravel(), self.variance.ravel(), groups)
+            covered = coverage(self.judged.ravel(), self.variance.ravel(), groups)
             object.__setattr__(self, 'coverage', covered)
             object.__setattr__(self, 'spread', spread(self.size))
+
+    @property
+    def judged(self) -> Array:
+        """Errors (n, d) a covariance answers for: NaN where nothing was and nothing was said."""
+        nothing = (self.truth == 0) & (self.estimate == 0)
+        return np.where(nothing, np.nan, self.error)
 
     @property
     def varies(self) -> bool:

@@ -105,6 +105,7 @@ def test_errors_of_position_and_force_against_plain_loops() -> None:
     guess = position + rng.normal(0, 1e-3, (count, 3))
     guess[9] = np.nan
     push = np.nan_to_num(force) + rng.normal(0, 0.1, (count, 3))
+    force[40:50:2, 2] = push[40:50:2, 2] = 0.0  # nothing was, and nothing was said
     truth = {'position': position, 'force': force}
     recording = Recording.from_arrays(LAYOUT, np.zeros((count, 5, 3)), truth=truth)
     states = ContactStates.assemble(count, 5, {
@@ -120,6 +121,7 @@ def test_errors_of_position_and_force_against_plain_loops() -> None:
     inside = [abs(guess[k, a] - position[k, a]) <= 1e-3 for k in rows for a in (0, 1)]
     assert place_error.coverage.share == pytest.approx(sum(inside) / len(inside))
     assert place_error.coverage.groups == 12
+    assert push_error.coverage.count == 25
     squares = [(push[k, 2] - force[k, 2]) ** 2 for k in range(0, count, 2)]
     assert (place_error.unit, push_error.name) == ('m', 'force_z')
     assert push_error.spread.rms == pytest.approx(math.sqrt(sum(squares) / 30), rel=1e-12)
