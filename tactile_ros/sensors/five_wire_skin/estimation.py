@@ -15,6 +15,7 @@ from tactile_ros.estimators.model_selection import held_out_report, select
 from tactile_ros.estimators.potential_map import PotentialMap
 from tactile_ros.estimators.power_law_force import PowerLawForce
 from tactile_ros.estimators.rbf_force import RbfForce
+from tactile_ros.estimators.regression import Ridge
 from tactile_ros.physics.resistive_sheet import SeriesResistance, linear_place
 from tactile_ros.sensors.five_wire_skin.config import FiveWireSkinConfig
 from tactile_ros.sensors.five_wire_skin.film import (
@@ -33,7 +34,6 @@ from tactile_ros.sensors.regression import (
     longest_hold,
     missing_history,
     missing_loads,
-    places_of,
 )
 from tactile_ros.types.contracts import Estimation, Estimator, Report, Signals
 from tactile_ros.types.frame import Array, Bools, Columns, FrameStatus, Integers
@@ -44,7 +44,9 @@ CONSTANT = 1e-6  # of the supply: readings that move less are one constant, in 1
 LEAST_EXTENT = 0.02  # of the sheet: deviation of places in every direction
 LEAST_RANGE = 0.1  # of the largest force
 LEAST_DIVIDER = 1e-4
+SAME_PLACE, MOST_SINGLE = 1e-5, 0.3  # m; places per touch above which touches are the groups
 CONTINUES, ENDS = 1.1, 1.4  # times the largest force: curve is continued, sigma is the force
+USEFUL = 0.9  # of the standard deviation of shear; a regression that leaves more is none
 LONGEST = 4.0  # times the longest hold: slowest creep that it shows
 WORTH = 0.97  # of the static error; creep that takes off less is none
 FOR_PLACE, FOR_FORCE, CELL = 25, 49, 0.05  # places for a map and a film; of the sheet: one place
@@ -135,6 +137,7 @@ class FiveWireEstimation(Estimation):
         self.force_: Choice | None = None
         self.most_ = np.inf  # largest force of the fit (N)
         self.creep_: FilmCreep | None = None
+        self.shear_: Choice | None = None
         self.coverage_: Report = {}
 
     @property
@@ -150,7 +153,7 @@ class FiveWireEstimation(Estimation):
         """Errors on held-out places, the threshold of contact, and what was not recorded."""
         if self.others_ is not None:
             return {**self.others_.report, **self.coverage_}
-        heads = {'position_xy': self.place_, 'force_z': self.force_}
+        heads = {'position_xy': self.place_, 'force_z': self.force_, 'force_xy': self.shear_}
         known = {title: head.report_ for title, head in heads.items() if head is not None}
         known['contact'] = self.touch_.report_
         if self.creep_ is not None:
@@ -175,10 +178,10 @@ class FiveWireEstimation(Estimation):
         if self.others_ is not None:
             self.others_.fit(_divider_less_rest(signals, x), truth, groups)
         else:
-            places = places_of(np.where(signals.good[:, None], position[:, :2], np.nan))
-            group = np.asarray(groups['group'], np.int64) if places is None else places
+            group = _groups(position, signals.good, np.asarray(groups['group'], np.int64))
             self._fit_place(x, position, group, signals.good)
             self._fit_force(signals, x, position, force, group)
+            self._fit_shear(x, force, group, signals.good)
         share = 0.0 if self.creep_ is None else -float(self.creep_.shares_.sum())
         self.coverage_ = _coverage(self.size, signals, position, force, share)
 
@@ -221,6 +224,8 @@ class FiveWireEstimation(Estimation):
         force[:, 2], covariance[:, 2, 2] = value, variance
         untouched = signals.in_contact == 0
         force[untouched, 2], covariance[untouched, 2, 2] = 0.0, self.touch_.subthreshold_
+        if self.shear_ is not None:
+            force[:, :2], covariance[:, :2, :2] = self.shear_.predict(x)
         known['force'], known['force_cov'] = force, covariance
 
     def _normal(
@@ -313,11 +318,30 @@ class FiveWireEstimation(Estimation):
             creep.report_ = {'held_out_rmse': before}
             self.force_.report_['held_out_rmse'] = size
 
+    def _fit_shear(self, x: Array, force: Array, group: Integers, good: Bools) -> None:
+        """Fit shear, which the skin does not feel: only where truth and place determine it."""
+        rows = np.flatnonzero(good & np.isfinite(force).all(axis=1))
+        self.shear_ = None
+        if self.force_ is None or len(rows) < FEWEST_ROWS or not np.ptp(force[rows, :2]):
+            return
+        shear = Choice('ridge', Ridge()).fit(x[rows], force[rows, :2], group[rows])
+        spread = float(np.sqrt(force[rows, :2].var(axis=0).sum()))
+        self.shear_ = shear if shear.report_['held_out_rmse'] < USEFUL * spread else None
+
 
 def _divider_less_rest(signals: Signals, x: Array) -> Signals:
     """Frames of which only the divider has a baseline."""
     wide = np.repeat(x[:, None], signals.values.shape[1], axis=1)
     return replace(signals, delta=wide, baseline=np.zeros_like(signals.values))
+
+
+def _groups(position: Array, good: Bools, group: Integers) -> Integers:
+    """Number of the place of each row, where places are repeated; else its group."""
+    measured = good & np.isfinite(position[:, :2]).all(axis=1)
+    plane = np.round(np.nan_to_num(position[:, :2]) / SAME_PLACE)
+    place = np.unique(plane, axis=0, return_inverse=True)[1].reshape(-1)
+    count = len(np.unique(place[measured]))
+    return np.asarray(place) if 1 < count <= MOST_SINGLE * measured.sum() else group
 
 
 def _spans(potentials: Array, places: Array) -> bool:
