@@ -1,8 +1,8 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Windows in, contacts out: force of every frame; label, place and turn once a window.
 
-Whole presses speak of labels, and of place and turn of described heads; regressors of frames, as
-every sensor has them, of everything else.
+Regressors and votes of frames, as every sensor has them, stay candidates beside what recognises
+whole presses; held-out places decide which of them speaks of label, place and turn.
 """
 
 from __future__ import annotations
@@ -219,24 +219,18 @@ def _most_of(chances: Array) -> float:
     return float(np.searchsorted(np.cumsum(count), 0.95)) / len(chances)
 
 
-def object_columns(answers: Answers, top: float) -> Columns:
-    """Places, turns and poses of recognised objects (n) on a face at some height (m)."""
-    n = len(answers.pose)
-    place = np.column_stack([answers.pose[:, :2], np.full(n, top)])
-    place_cov, pose, cov = np.zeros((n, 3, 3)), np.zeros((n, 4, 4)), np.zeros((n, 6, 6))
-    place_cov[:, :2, :2] = answers.cov[:, :2, :2]
+def object_pose(answers: Answers, place: Array) -> tuple[Array, Array]:
+    """Transforms (n, 4, 4) of recognised objects at places (n, 3), their covariance (n, 6, 6)."""
+    n = len(place)
+    pose, cov = np.zeros((n, 4, 4)), np.zeros((n, 6, 6))
     pose[:, :3, :3] = rotations(answers.pose[:, 2:] * np.array([0.0, 0.0, 1.0]))
     pose[:, 3, 3], pose[:, :3, 3] = 1.0, place
-    place_cov[:, 2, 2] = cov[:, 2, 2] = DEEP**2
+    cov[:, 2, 2] = DEEP**2
     index = np.array([0, 1, 5])
     cov[:, index[:, None], index] = answers.cov
-    lost, nobody = np.isnan(answers.pose[:, 0]), np.isnan(answers.pose[:, 2])
-    place[lost], place_cov[lost], pose[nobody], cov[nobody] = np.nan, np.nan, np.nan, np.nan
-    return {
-        'position': place, 'position_cov': place_cov, 'yaw': answers.pose[:, 2],
-        'yaw_std': np.sqrt(answers.cov[:, 2, 2]), 'symmetry': answers.order,
-        'object_pose': pose, 'object_pose_cov': cov,
-    }  # fmt: skip
+    nobody = np.isnan(answers.pose[:, 2]) | np.isnan(place).any(axis=1)
+    pose[nobody], cov[nobody] = np.nan, np.nan
+    return pose, cov
 
 
 NOISE = 4e-6  # T, of a reading, where rest tells none
@@ -256,8 +250,8 @@ class MultipoleEstimation(Estimation):
     config : MultipoleSkinConfig
         Drawing of the skin: where a fit starts.
     estimator : str or None
-        A regressor of frames, or a network of [1], which names presses and no more; None: presses
-        by the best road on held-out places.
+        A regressor of frames, or a network of [1], which names presses and no more; None: the
+        best of all roads on held-out places.
 
     Attributes
     ----------
@@ -324,26 +318,21 @@ class MultipoleEstimation(Estimation):
         """Learn every target of which truth knows a component; see `Regression`."""
         ends, windows = find_windows(signals, self.config.window, self.start())
         rows = np.array(ends, np.int64)
+        if self.wanted not in NETWORKS:
+            last = dict(truth)  # answers of once a window are learned at its last row alone
+            only_rows(last, rows)
+            self.frames_.fit(signals, last, groups)
         self.recogniser_, self.by_press_, self.press_report_ = None, (), {}
         self.network_, self.names_ = None, ()
         self.first_new_ = len(self.config.objects)
-        if self.wanted is None or self.wanted in NETWORKS:
-            self._fit_presses(signals, truth, np.asarray(groups['group'], np.int64), rows, windows)
-        if self.wanted not in NETWORKS:
-            left = {name: of for name, of in truth.items() if name not in self.by_press_}
-            only_rows(left, rows)  # answers of once a window are learned at its last row alone
-            self.frames_.fit(signals, left, groups)
-
-    def _fit_presses(
-        self, signals: Signals, truth: Columns, group: Integers, rows: Integers,
-        windows: list[Array],
-    ) -> None:  # fmt: skip
-        """Learn what whole presses tell, of windows that end in some rows."""
+        if self.wanted is not None and self.wanted not in NETWORKS:
+            return
         if len(rows) > MOST_LEARNED:
             chosen = spread_rows(np.arange(len(rows)), MOST_LEARNED)
             rows, windows = rows[chosen], [windows[i] for i in chosen]
         label = np.asarray(truth.get('label', np.full(len(signals.good), -1)), np.int64)[rows]
         self.first_new_ = max(self.first_new_, int(label.max(initial=-1)) + 1)
+        group = np.asarray(groups['group'], np.int64)
         timed = signals.stamp_ns is not None
         number = press_numbers(signals, self.config.window) if timed else group
         labels = Labels(
@@ -356,9 +345,7 @@ class MultipoleEstimation(Estimation):
             self.config, self._rest(signals), self._noise(signals, windows), windows, labels, dead
         )
         if self.wanted is None:
-            self.by_press_ = ('label',) if len(self.recogniser_.known_.label) else ()
-            if self.recogniser_.described:
-                self.by_press_ = ('label', 'position', 'yaw')
+            self._choose()
         elif (usable(windows) & (label >= 0)).sum() >= FEWEST:
             what = self.wanted.removeprefix('pronet_')
             self.network_ = NetworkClasses(what).fit(windows, label, labels.groups)
@@ -390,6 +377,39 @@ class MultipoleEstimation(Estimation):
             typical = float(np.sqrt(square.mean())) if len(square) >= FEWEST_RESTING else NOISE
         return np.full(width, typical if typical > QUIETEST else NOISE)
 
+    def _choose(self) -> None:
+        """Let presses, or a network, speak of what they tell better than frames do."""
+        assert self.recogniser_ is not None
+        report, frames = self.press_report_, self.frames_.report
+        described, road = self.recogniser_.described, self.recogniser_.road_
+        # what knows but some of the heads that may press speaks of none
+        seen = set(self.recogniser_.known_.label.tolist())
+        all_seen = not described or seen.issuperset(range(len(self.config.objects)))
+        right = report.get('label_by_press', {}).get(f'accuracy_{road}', 0.0)
+        votes = 0.0
+        if all_seen and 'label' in self.frames_.estimators:
+            votes = frames['label']['held_out_accuracy']
+        chosen = []
+        if right >= votes and (described or seen):
+            chosen.append('label')
+        for target in ('position', 'yaw') if described else ():
+            own = report.get(f'{target}_by_press', {}).get('median', np.inf)
+            means = [
+                found['held_out_mean']
+                for title, found in frames.items()
+                if title.startswith(target) and 'held_out_mean' in found
+            ]
+            if not means or own < means[0]:
+                chosen.append(target)
+        self.by_press_ = tuple(chosen)
+        # frames are asked no more of what presses tell
+        self.press_report_ = {**frames, **report}
+        if 'yaw' in chosen:
+            self.frames_.turn_ = None
+        if 'label' in chosen:
+            votes_left = (vote for vote in self.frames_.votes_ if vote.target != 'label')
+            self.frames_.votes_ = tuple(votes_left)
+
     def estimate(self, signals: Signals, memory: object) -> Columns:
         """Targets of every row; label, place and turn on the last frame of a window."""
         assert isinstance(memory, WindowMemory)
@@ -408,7 +428,7 @@ class MultipoleEstimation(Estimation):
             label, chance = self.network_.predict(windows, firm)
             known['label'] = scatter_rows(label, rows, n)
             known['label_probability'] = scatter_rows(chance, rows, n)
-        # where a network was asked for, presses name enrolled classes alone
+        # where votes or a network are better, presses name enrolled classes alone
         all_mine = 'label' in self.by_press_
         mine = all_mine | (answers.label >= self.first_new_)
         columns = (('label', answers.label), ('label_probability', answers.probability))
@@ -417,10 +437,33 @@ class MultipoleEstimation(Estimation):
                 known[name] = scatter_rows(column[:0], rows[:0], n)
             known[name][rows[mine]] = column[mine]
         if 'position' in self.by_press_:
-            top = self.config.layer_thickness + self.config.sheet_thickness
-            posed = object_columns(answers, top)
-            known.update({name: scatter_rows(column, rows, n) for name, column in posed.items()})
+            self._place(known, rows, answers, n)
+        if 'yaw' in self.by_press_:
+            deviation = np.sqrt(answers.cov[:, 2, 2])
+            more: Columns = {
+                'yaw': answers.pose[:, 2], 'yaw_std': deviation, 'symmetry': answers.order,
+                'object_pose': np.full((len(rows), 4, 4), np.nan),
+                'object_pose_cov': np.full((len(rows), 6, 6), np.nan),
+            }  # fmt: skip
+            if 'position' in self.by_press_:
+                place = np.asarray(known['position'][rows], np.float64)
+                more['object_pose'], more['object_pose_cov'] = object_pose(answers, place)
+            known.update({name: scatter_rows(column, rows, n) for name, column in more.items()})
         return known
+
+    def _place(self, known: Columns, rows: Integers, answers: Answers, n: int) -> None:
+        """Write places, of which regressors may know the height."""
+        place = known.get('position', np.full((n, 3), np.nan))
+        cov = known.get('position_cov', np.full((n, 3, 3), np.nan))
+        if 'position' not in known:
+            place[rows, 2] = self.config.layer_thickness + self.config.sheet_thickness
+            cov[rows, 2, 2] = DEEP**2
+        place[rows, :2] = answers.pose[:, :2]
+        cov[rows, :2], cov[rows, :, :2] = 0.0, 0.0
+        cov[rows[:, None, None], np.arange(2)[:, None], np.arange(2)] = answers.cov[:, :2, :2]
+        lost = np.isnan(place[rows, 0])
+        place[rows[lost]], cov[rows[lost]] = np.nan, np.nan
+        known['position'], known['position_cov'] = place, cov
 
     def enrol(self, signals: Signals, label: str) -> None:
         """Learn a class from the presses in conditioned frames; see `enrolment`.
