@@ -143,10 +143,9 @@ class ForcePi:
     ) -> float:
         """Command that brings a force to a target (N); `unseen` (s) brought no new force.
 
-        One that `keeps` its command moves by its target alone.
-
-        Where the drive's own gain is known, a target that moves goes to the command at once, and
-        to the error as the plant follows.
+        One that `keeps` its command moves by its target alone. Where the drive's own gain is
+        known, a target that moves goes to the command at once, and to the error as the plant
+        follows.
         """
         begins, soft = not isfinite(self._integral), self.plant.is_soft
         if begins:

@@ -121,13 +121,14 @@ class GripTargets:
         raise. Once settled each presses as hard as it can: a load waits for none.
         """
         if settled:
-            self._most = MOST
+            self._most, full = MOST, False
         if self._adapt:
             self._answer(dt)
         step = self._rate * dt * (RAISING if self._raise > 1.0 else 1.0)
         reached, factor = True, self._raise
-        for finger in [] if settled else self._fingers:
-            if finger.asked > 0.0 and factor > 1.0 and finger.pressing and finger.steady >= BOUNCE:
+        for finger in self._fingers:
+            counts = not settled and finger.pressing and finger.steady >= BOUNCE
+            if counts and finger.asked > 0.0 and factor > 1.0:
                 ahead = AHEAD_FULL if finger.law.full else AHEAD
                 bound = max(finger.normal / finger.asked + ahead, 1.0)
                 factor = min(factor, bound)
@@ -135,7 +136,7 @@ class GripTargets:
                     self._raise = self._most = bound
         for finger in self._fingers:
             ahead = factor * finger.asked - finger.target
-            if full and not settled and ahead > 0.0 and finger.target >= finger.asked:
+            if full and ahead > 0.0 and finger.target >= finger.asked:
                 continue
             if -step <= ahead <= step:
                 finger.target = factor * finger.asked
