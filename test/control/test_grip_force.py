@@ -118,6 +118,17 @@ def test_grip_force_leaves_a_load_to_the_springs_of_soft_drives(soft: bool) -> N
     assert moved == [True, not soft]
 
 
+def test_grip_force_sees_a_load_however_far_it_was_raised() -> None:
+    one = Run(plants=[SOFT] * 2, gains=(1.0, 0.9), stiffness=7.0, free=True)
+    one.grasp(0.6, adapt=True)
+    for load in (0.0, 0.6):  # one finger presses askew, and the other feels what comes
+        one.change = {'tangential': np.array([1.0, load])}
+        one.run(3.0)
+    place = np.array([made.closure for made in one.made[-200:]]) @ [0.5, -0.5]
+    assert one.made[-1].target_force[0] > 2.0 * 1.3
+    assert np.ptp(place) < 2e-3
+
+
 def test_grip_force_walks_a_free_object_no_further_where_sensors_disagree() -> None:
     one = Run(gains=(0.9, 1.1), free=True)
     one.grasp(6.0)
