@@ -212,12 +212,13 @@ class GripLoop:
         targets, chosen, beyond = self.admit(target_force, fingers, timeout, forces)
         held = self.law.holds or self._is_holding()
         if self.law.phase == GripPhase.IDLE:
-            if self._watch.strayed():
+            at = self._measured
+            if self._watch.strayed() or (at is not None and self._limiter.refusal(at, 0.0)):
                 self.law.move_away()
                 held = False
+            self._watch.forget()
             if not self.law.holds:  # the next command begins at the measured posture
                 self._joints.stop()
-                self._watch.forget()
                 self._unsent_s = 0.0
         self._lost_s = 0.0
         if not any(targets):

@@ -251,6 +251,22 @@ def test_a_hand_that_comes_back_elsewhere_waits_for_a_new_grasp(silent_s: float)
     assert (np.abs(first - before) <= world.hand.driver.velocity * 0.01 + 1e-9).all()
 
 
+@pytest.mark.parametrize('moved', [[0.3], [0.38, 0.46]])
+def test_a_hand_that_was_given_up_opens_when_it_is_asked_to(moved: list[float]) -> None:
+    """Its joints stand still, or further from the last command than a command may be."""
+    world = World('allegro_v5', fault_time=1.0)
+    world.holding()
+    world.deaf = True
+    held = world.joints.position
+    for way in moved:
+        world.put(held - way * (np.arange(16) == 12))
+        world.run(0.05)
+    assert world.run(2.0).refusal.endswith('; a new grasp is needed')
+    world.deaf = False
+    world.stage.grasp(0.0, (), 10.0, adapt=False)
+    assert world.until_end().ended.message == 'the hand is open'
+
+
 def test_a_short_silence_of_the_hand_is_forgiven_where_it_stayed() -> None:
     world = World('allegro_v5', fault_time=1.0)
     world.holding()
