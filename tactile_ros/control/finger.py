@@ -33,7 +33,7 @@ AGREES = 0.5  # of a reading that a drive must press with to speak for it
 FILTERED, SLOWEST_FILTER = 0.03, 0.1  # noise after the filter, of the target; s
 ON_SIGMAS, ON_RAW, ON_SHARE, OFF = 5.0, 3.0, 0.3, 1 / 3  # levels of contact
 LEAST_NOISE = 0.5  # of `force_noise`: slips are separated from the noise of a loop too
-LOADED, LOADED_SIGMAS = 0.2, 5.0  # of what is asked, of noise: a load that has come or gone
+LOADED, LOADED_SIGMAS = 0.2, 5.0  # of what is asked, of noise: a load that has come
 RANGE = 3.0  # largest targets beyond which a reading is none
 
 
@@ -63,7 +63,7 @@ class Finger:
         self.waited = 0.0  # for a new force (s)
         self.unspent = False  # it has given a force that was not regulated yet
         self.target = 0.0  # force now (N)
-        self.carried = nan  # load when the grip had settled (N)
+        self.carried = nan  # least load since the grip had settled (N)
         self.regulated = 0.0  # error that its drive regulates (N)
         self._mean_error = self._friction = nan
         self._moving = self._leaning = self._pressing = self._still = 0.0
@@ -93,9 +93,9 @@ class Finger:
 
     @property
     def loaded(self) -> bool:
-        """Judge whether its load is another than when the grip had settled, or not known."""
+        """Judge whether its load has grown since the grip had settled, or is not known."""
         most = LOADED * self.asked + LOADED_SIGMAS * self.noise
-        return not abs(self.slip.load - self.carried) <= most
+        return not self.slip.load - self.carried <= most
 
     @property
     def noise(self) -> float:

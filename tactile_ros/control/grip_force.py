@@ -387,10 +387,10 @@ class GripForce:
                 self.phase = GripPhase.LOAD
         if self.phase in HOLDING:
             self._since += dt
-            if self._calm >= SETTLED_TIME and not self._has_settled:
-                self._has_settled = True
-                for finger in self.fingers:
-                    finger.carried = finger.slip.load
+            self._has_settled |= self._calm >= SETTLED_TIME
+            for finger in self.fingers:
+                if not (self._has_settled and finger.slip.load >= finger.carried):
+                    finger.carried = finger.slip.load  # what relaxes is no load
             self._loaded |= self._has_settled and any(f.loaded for f in _pressing(self.fingers))
             if self._targets.share() and not self._has_settled:
                 self._begin_load()  # a finger that joins has its force to find
