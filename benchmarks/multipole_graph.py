@@ -33,11 +33,11 @@ WARM_S, LATEST_S, LOOK_S = 3.0, 20.0, 0.5
 def run(extent: str, command: str) -> BenchResult:
     """Two processes, then one."""
     config = replace(SPEC.config(), rate_hz=RATE_HZ)
-    scene, rows = SPEC.lesson.scene(config, 0, 0.0), []
+    scene, rows = SPEC.new_class.scene(config, 0, 0.0), []
     connection = SPEC.connection(transport='serial', native_usb=True)
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / 'skin.npz'
-        lesson = SPEC.lesson.calibration(config, 1)
+        lesson = SPEC.new_class.calibration(config, 1)
         if extent == 'quick':
             lesson = lesson.select(slice(0, len(lesson) // 4))
         SPEC.pipeline(config).fit(lesson).save(path)

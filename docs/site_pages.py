@@ -11,6 +11,7 @@ import dataclasses
 import json
 import re
 import sys
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -44,7 +45,7 @@ API = {
 }  # fmt: skip
 # links to files that are no pages of the site: they stay as names
 LEFT_OUT = re.compile(
-    r'\[([^]]+)\]\((CHANGELOG\.rst|QUALITY_DECLARATION\.md|LICENSE|benchmarks/[^)]*)\)'
+    r'\[([^]]+)\]\((CHANGELOG\.rst|CITATION\.cff|QUALITY_DECLARATION\.md|LICENSE|benchmarks/[^)]*)\)'
 )
 LONGEST_DEFAULT = 40  # of a parameter in its table
 
@@ -112,6 +113,29 @@ def results() -> str:
     return '\n\n'.join(parts) + '\n'
 
 
+def stale_figures() -> list[str]:
+    """Figures of tasks on pages and in the README that are not those of the quick benches."""
+    from benchmarks.harness.independent import SENSORS, tasks
+
+    paths = (ROOT / 'benchmarks' / 'golden').glob('*.json')
+    rows = [row for path in paths for row in json.loads(path.read_bytes())]
+    golden = {row['what']: row['ours'] for row in rows}
+    readme, found = (ROOT / 'README.md').read_text(), []
+    for key in SENSORS:
+        page = (ROOT / 'docs' / f'{key}.md').read_text()
+        for task in cast('Any', tasks(key)):
+            ours = golden.get(f'independent world: {task.what}')  # None: of slow tasks
+            row = re.search(rf'^\| [^|]+ \| ([\d.]+)[^|]*\|.*`{task.name}`', page, re.MULTILINE)
+            if row and ours is not None and f'{ours:.{len(row[1].partition(".")[2])}f}' != row[1]:
+                found.append(f'docs/{key}.md: {task.name} is {ours:.4g}, not {row[1]}')
+        (paper,) = re.findall(r'^# .*paper \[(\d)\]', page)
+        shown = re.findall(rf'^\| \[{paper}\] \|.*?\*\*(.+?)\*\*', readme, re.MULTILINE)
+        figures = [figure for cell in shown for figure in re.split(' / |; ', cell)]
+        missing = [figure for figure in figures if not re.search(rf'\| {figure}\b', page)]
+        found += [f'README.md: {figure} is not in docs/{key}.md' for figure in missing]
+    return found
+
+
 def ros_reference() -> str:
     """Interfaces as their files say them, and the parameters of every node."""
     parts = [
@@ -122,7 +146,8 @@ def ros_reference() -> str:
     for folder in ('msg', 'srv', 'action'):
         parts.append(f'## {folder}')
         for path in sorted((ROOT / folder).iterdir()):
-            parts += [f'### {path.stem}', f'```text\n{path.read_text().strip()}\n```']
+            _licence, _, fields = path.read_text().strip().partition('\n')
+            parts += [f'### {path.stem}', f'```text\n{fields}\n```']
     parts += ['## Parameters of nodes', *node_parameters()]
     parts += ['## Parameters of grip_node', *grip_parameters()]
     parts += ['## Parameters of sensors', *sensor_parameters()]
@@ -137,6 +162,8 @@ def node_parameters() -> list[str]:
         if not isinstance(node, ast.ClassDef) or not node.name.endswith('Options'):
             continue
         rows = [row_of(item) for item in node.body if isinstance(item, ast.AnnAssign)]
+        if not rows:  # the class that others inherit
+            continue
         doc = (ast.get_docstring(node) or '').split('\n')[0]
         parts += [f'### {node.name}', doc, table(('name', 'default', 'range', 'meaning'), rows)]
     return parts
@@ -144,12 +171,17 @@ def node_parameters() -> list[str]:
 
 def row_of(item: ast.AnnAssign) -> tuple[str, ...]:
     """Name, default, range and meaning of one field that is made by `parameter`."""
+    from tactile_ros import enrolment
+
     call = item.value
     assert isinstance(call, ast.Call)
     about = {word.arg: ast.unparse(word.value) for word in call.keywords}
     bounds = about.get('range') or about.get('choices') or ''
     text = ast.unparse(call.args[1]).strip('\'"')
-    return ast.unparse(item.target), f'`{ast.unparse(call.args[0])}`', bounds, text
+    default = ast.unparse(call.args[0])
+    if isinstance(call.args[0], ast.Attribute):  # a field of a class of the enrolment
+        default = attrgetter(default)(enrolment)
+    return ast.unparse(item.target), f'`{default}`', bounds, text
 
 
 def sensor_parameters() -> list[str]:
@@ -234,5 +266,8 @@ def modules_of(name: str) -> list[str]:
 if __name__ == '__main__':
     from images.draw_measured import aims
 
+    sys.path[:0] = [str(ROOT), str(ROOT / 'test')]
+
     (ROOT / 'docs' / 'results.md').write_text(results())
     (ROOT / 'docs' / 'images' / 'aims.svg').write_text(aims())
+    sys.stdout.write('\n'.join([*stale_figures(), '']))

@@ -292,7 +292,7 @@ class Pipeline:
         strict: bool = False,
         fails: bool = False,
     ) -> Columns:
-        """State attributes of conditioned frames; the one road for live and batch."""
+        """State attributes of conditioned frames; the one way for live and batch."""
         if not len(bits):
             return {}
         known, failed = self._answers(signals, stream, strict, fails)

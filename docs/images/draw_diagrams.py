@@ -28,6 +28,7 @@ COLOURS = {
     'TRUSTED:': '#d0493a', 'OPEN:': '#d0493a',
 }  # fmt: skip
 TOP, PITCH, WIDTH, APART = 46, 25, 156, 124
+HEAD = 26  # pixels of a title above boxes in a row
 STACK, LETTER = 440, 6.4  # pixels: width of a column of boxes; a letter
 CENTRED = 'text-anchor="middle"'
 
@@ -60,7 +61,9 @@ def drawn(title: str, *boxes: Box, grounded: str = '') -> str:
             parts.append(wired(wire, left, y, apart))
         if grounded and number == 1:
             parts.append(to_ground(left - apart + 18, last, grounded))
-    return whole(title, width + 20, height + 14, parts)
+    shown = text(width / 2 + 10, 24, title, 'class="head"')
+    parts = [shown, f'<g transform="translate(0 {HEAD})">', *parts, '</g>']
+    return whole(title, width + 20, height + 14 + HEAD, parts)
 
 
 def whole(title: str, width: float, height: float, parts: list[str]) -> str:
@@ -181,6 +184,15 @@ DRAWINGS: dict[str, str] = {
         (
             'computer, /dev/i2c-1',
             ('pull-ups to 3V3,', 'smaller for many;', 'over 4 chips: a', 'TCA9548A between'),
+            BUS,
+        ),
+    ),
+    'wiring_chips': drawn(
+        'MLX90393 behind a microcontroller',
+        ('MLX90393', ('CS to 3V3: I2C', 'A0, A1 to GND or', '3V3: 0x0C to 0x0F'), ()),
+        (
+            'microcontroller',
+            ('reads the chips;', 'sends frames of', 'kind chips; USB', 'to /dev/ttyACM0'),
             BUS,
         ),
     ),

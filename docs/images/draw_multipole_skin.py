@@ -14,8 +14,8 @@ sys.path[:0] = [str(HERE.parents[1]), str(HERE.parents[1] / 'test')]
 from benchmarks.multipole_skin import SENSOR, Trials  # noqa: E402
 
 STYLE = (
-    '<style>text{font:13px sans-serif;fill:#333}.card{fill:#fff}.head{fill:#ddd;stroke:#888}'
-    '.line{stroke:#111;stroke-width:1.5}@media(prefers-color-scheme:dark){text{fill:#ddd}'
+    '<style>text{font:13px sans-serif;fill:#333}.title{font-weight:600}.card{fill:#fff}'
+    '.head{fill:#ddd;stroke:#888}.line{stroke:#111;stroke-width:1.5}@media(prefers-color-scheme:dark){text{fill:#ddd}'
     '.card{fill:#1b1e23}.head{fill:#444}.line{stroke:#eee}}</style>'
 )
 DEPTH = 0.6e-3
@@ -27,7 +27,7 @@ def templates() -> str:
     """Changes of field of nine heads at one place, chip by chip."""
     trials = Trials(1)
     recogniser = SENSOR.pipeline(trials.config).fit(trials.one).estimation.recogniser_
-    bank = recogniser.search.bank
+    bank = recogniser.templates[0]
     parts = bank.at(np.arange(9), np.tile(PLACE, (9, 1)))[:, 0]
     fields = np.tensordot(DEPTH ** np.arange(1, 4), parts, axes=(0, 1)).reshape(9, -1, 3)
     chips = recogniser.model.chips
@@ -55,7 +55,7 @@ def templates() -> str:
     )
     drawn += [f'<text x="8" y="{632 + 18 * k}">{line}</text>' for k, line in enumerate(words)]
     drawn.append('<path class="line" d="M530 646h20"/>')
-    return _svg(570, 660, drawn)
+    return _svg(f'Change of field under nine heads, {1e3 * DEPTH:g} mm deep', 570, 660, drawn)
 
 
 def confusion() -> str:
@@ -87,14 +87,17 @@ def confusion() -> str:
             f'{names[i]}</text>'
         )
     drawn.append('<text x="110" y="458">pressed (rows), named (columns), % of presses</text>')
-    return _svg(560, 470, drawn)
+    return _svg('Nine heads at new places, after 20 presses of one', 560, 470, drawn)
 
 
-def _svg(width: int, height: int, drawn: list[str]) -> str:
-    """A whole drawing."""
+def _svg(title: str, width: int, height: int, drawn: list[str]) -> str:
+    """A whole drawing below its title."""
+    size = f'width="{width}" viewBox="0 -30 {width} {height + 30}" role="img" aria-label="{title}"'
+    shown = f'<text class="title" x="{width / 2}" y="-8" text-anchor="middle">{title}</text>'
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" viewBox="0 0 {width} {height}">'
-        f'{STYLE}<rect class="card" width="{width}" height="{height}"/>{"".join(drawn)}</svg>\n'
+        f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{STYLE}'
+        f'<rect class="card" y="-30" width="{width}" height="{height + 30}"/>'
+        f'{shown}{"".join(drawn)}</svg>\n'
     )
 
 

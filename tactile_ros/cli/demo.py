@@ -360,8 +360,8 @@ def run_twin(
 def fit_twin(spec: SensorSpec, seed: int, path: Path) -> Pipeline:
     """Calibration from simulated presses, as it is read back from its file."""
     config = spec.config(**spec.demo)
-    if spec.lesson is not None:
-        train = spec.lesson.calibration(config, seed)
+    if spec.new_class is not None:
+        train = spec.new_class.calibration(config, seed)
     else:
         train = spec.presses(config, seed)
         most = min(MOST_ROWS, MOST_READINGS // train.values[0].size)
@@ -395,12 +395,12 @@ def play_twin(spec: SensorSpec, seed: int, output: Path, seconds: float, say: Sa
         name: np.ravel(value).tolist() if isinstance(value, np.ndarray) else value
         for name, value in spec.demo.items()
     }
-    if spec.lesson is not None:
-        values['scene'] = 'lesson'
+    if spec.new_class is not None:
+        values['scene'] = 'new_class'
     graph = sensing(setting).with_parameters('sensor_node', values)
     with interruptible(), Running(graph, LOCAL) as running:
         wait_for_frames(running, bag)
-        if spec.lesson is not None:
+        if spec.new_class is not None:
             teach(spec, say)
         wait(running, bag, seconds)
         for name in running.lines:
@@ -418,12 +418,12 @@ def teach(spec: SensorSpec, say: Say) -> None:
     """
     from tactile_ros.nodes.enrolment_server import EnrolmentClient, EnrolRequest
 
-    assert spec.lesson is not None
-    label, number = spec.lesson.label, _new_class(spec)
+    assert spec.new_class is not None
+    label, number = spec.new_class.label, _new_class(spec)
     with EnrolmentClient(spec.key) as client:
         client.wait_for_truth(lambda truth: bool(truth.label == number), SHOWN_S)
         say(f'something unknown presses: enrolling it as {label!r}')
-        request = EnrolRequest(label, spec.lesson.presses, LEARNED_S)
+        request = EnrolRequest(label, spec.new_class.presses, LEARNED_S)
         learned = client.enrol(request, lambda _, said: say(said))
     if not learned.success:
         raise TactileError(learned.message)
@@ -445,7 +445,7 @@ def outcome(loaded: LoadedRecording, number: int) -> list[str]:
     return [
         f'{what}: {(right & rows).sum()} of {rows.sum()} windows named rightly'
         for what, rows in (
-            ('known heads before the lesson', old & ~since), (f'{name} before it', new & ~since),
+            ('known heads before enrolment', old & ~since), (f'{name} before it', new & ~since),
             (f'{name} after it', new & since), ('known heads after it', old & since),
         )
     ]  # fmt: skip

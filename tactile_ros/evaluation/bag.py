@@ -276,7 +276,7 @@ class BagWriter(Closing):
         """Take one message (CDR) in that was received at a log time (ns).
 
         The type is such as 'tactile_ros/msg/TactileFrame'; `latched` is as in `add_topic`, and
-        heeded at the first message of a topic. Raises RecordingError if the bag is closed or the
+        read in the first message of a topic. Raises RecordingError if the bag is closed or the
         disk is full.
         """
         with self._lock:

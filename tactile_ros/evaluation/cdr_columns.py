@@ -36,7 +36,7 @@ NUMBERS = {
 }  # fmt: skip
 
 
-class UnlikeError(Exception):
+class NoColumnsError(Exception):
     """Bytes that are no message of the type, or of a form that has no columns."""
 
 
@@ -50,7 +50,7 @@ class Group(NamedTuple):
 class MessageLayout:
     """Places of the fields of one message, and of the lengths in it that make its kind.
 
-    Raises UnlikeError if it is cut, too long, big-endian, or holds what has no columns.
+    Raises NoColumnsError if it is cut, too long, big-endian, or holds what has no columns.
     """
 
     def __init__(self, data: bytes, type_name: str) -> None:
@@ -58,10 +58,10 @@ class MessageLayout:
         self.lengths: list[int] = []
         self.formats: dict[str, tuple[int, str, int | None]] = {}
         if data[:2] != b'\x00\x01':
-            raise UnlikeError
+            raise NoColumnsError
         self._message(type_name, '')
         if len(data) - self.at > 3:  # some middleware fills up to a multiple of 4
-            raise UnlikeError
+            raise NoColumnsError
 
     def _message(self, type_name: str, path: str) -> None:
         for name, (kind, what) in all_types().fielddefs[type_name][1]:
@@ -80,13 +80,13 @@ class MessageLayout:
                 self._number(path, entry[0], count)
                 return
             if count > MOST_ENTRIES:
-                raise UnlikeError
+                raise NoColumnsError
             for i in range(count):
                 self._field(f'{path}.{i}', int(entry_kind), entry)
 
     def _number(self, path: str, name: str, count: int | None) -> None:
         if name not in NUMBERS:
-            raise UnlikeError
+            raise NoColumnsError
         form = NUMBERS[name]
         size = np.dtype(form).itemsize
         if count != 0:
@@ -94,12 +94,12 @@ class MessageLayout:
         self.formats[path] = self.at, form, count
         self.at += size * (1 if count is None else count)
         if self.at > len(self.data):
-            raise UnlikeError
+            raise NoColumnsError
 
     def _length(self) -> int:
         self.at += (FRONT_BYTES - self.at) % 4
         if self.at + 4 > len(self.data):
-            raise UnlikeError
+            raise NoColumnsError
         self.lengths.append(self.at)
         self.at += 4
         return int(struct.unpack_from('<I', self.data, self.at - 4)[0])
@@ -136,7 +136,7 @@ def read_columns(messages: Sequence[bytes], type_name: str) -> tuple[list[Group]
                 same = (block[:, marks] == block[0, marks]).all(axis=1)
                 alike = block if same.all() else block[same]
                 groups.append(Group(rows[same], places.columns(alike)))
-            except UnlikeError:
+            except NoColumnsError:
                 columns = _by_rosbags(messages[first], type_name)
                 damaged += columns is None
                 groups += [] if columns is None else [Group(rows[:1], columns)]

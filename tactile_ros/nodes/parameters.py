@@ -78,8 +78,8 @@ class SensorOptions(NodeOptions):
     seed: int = parameter(0, 'of the twin: its signal, noise and faults', range=(0, 2**31 - 1))
     scene: str = parameter(
         'presses',
-        'what a twin plays: presses, or a lesson: presses of a new class',
-        choices=('presses', 'lesson'),
+        'what a twin plays: presses, or those of a new class',
+        choices=('presses', 'new_class'),
     )
     fault: str = parameter(
         '',

@@ -355,11 +355,11 @@ class SensorNode(ManagedNode):
         config, seed, signal = self._config, self._options.seed, None
         if self._options.scene == 'presses':  # the twin's own signal
             recording = self._spec.presses(config, seed)
-        elif self._spec.lesson is None:
-            msg = f'scene of {self._spec.key} must be presses; it has no lesson'
+        elif self._spec.new_class is None:
+            msg = f'scene of {self._spec.key} must be presses; it shows no new class'
             raise ValueError(msg)
         else:
-            recording = self._spec.lesson.scene(config, seed, 0.0)
+            recording = self._spec.new_class.scene(config, seed, 0.0)
             signal = playing(recording)
         twin = self._spec.simulate(config, self._connection, signal, seed)
         self._twin = self._held.enter_context(twin)

@@ -85,7 +85,7 @@ class SensorSpec:
     temperature: Callable[..., Signal] | None = None
     # fields with which `tactile demo` runs its twin, such as ROS parameters can hold
     demo: Mapping[str, object] = field(default_factory=dict)
-    lesson: EnrolmentScene | None = None  # what its twin can play instead of `presses`
+    new_class: EnrolmentScene | None = None  # what its twin can play instead of `presses`
 
     def __repr__(self) -> str:
         """Key, summary and estimators in a line."""

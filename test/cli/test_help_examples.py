@@ -34,6 +34,7 @@ PARSED_ALONE = {
     'tactile calibrate --live': 'guides a hand for minutes; test_guided.py',
     'tactile calibrate gradiometer my_bag': 'needs a bag of its own; that of reskin_board is run',
     'tactile calibrate magnet_pad my_bag': 'the same',
+    'tactile calibrate reskin_board log.csv': 'tables are read in test_recording_files.py',
     'tactile calibrate multipole_skin my_bag': 'the same',
     'tactile bench': 'measures for minutes to hours: `make bench` runs it',
     'tactile demo grasp': 'simulates for minutes; its scenes are run in test/simulation',

@@ -9,7 +9,7 @@ from tactile_ros import messages as live
 from tactile_ros.evaluation.bag import all_types
 from tactile_ros.evaluation.cdr_columns import (
     MessageLayout,
-    UnlikeError,
+    NoColumnsError,
     read_columns,
     read_contacts,
     read_frames,
@@ -87,7 +87,7 @@ def test_what_is_cut_or_of_another_board_is_counted() -> None:
 def test_big_endian_messages_go_through_rosbags() -> None:
     (message,) = frames(1)
     data = bytes(all_types().serialize_cdr(message, FRAME, little_endian=False))
-    with pytest.raises(UnlikeError):
+    with pytest.raises(NoColumnsError):
         MessageLayout(data, FRAME)
     found = read_frames([data], (TAXELS, 3))
     np.testing.assert_array_equal(found.arrays['values'][0].ravel(), message.values)
@@ -97,7 +97,7 @@ def test_a_length_that_cannot_be_is_refused_and_not_believed() -> None:
     data = bytearray(make.cdr(contacts(0)))
     at = MessageLayout(bytes(data), CONTACTS).lengths[2]  # of the list of patches
     data[at : at + 4] = b'\xff\xff\xff\x7f'
-    with pytest.raises(UnlikeError):
+    with pytest.raises(NoColumnsError):
         MessageLayout(bytes(data), CONTACTS)
     assert read_columns([bytes(data)], CONTACTS) == ([], 1)
 

@@ -176,9 +176,9 @@ def test_sensor_node_refuses_what_its_sensor_cannot(
     assert node.trigger_configure() == FAILURE
     assert 'fault must be one of' in capfd.readouterr().err
     assert thread_names() <= before
-    assert ros.change(node, fault='', scene='lesson').successful
+    assert ros.change(node, fault='', scene='new_class').successful
     assert node.trigger_configure() == FAILURE
-    said = 'scene of reskin_board must be presses; it has no lesson'
+    said = 'scene of reskin_board must be presses; it shows no new class'
     assert said in capfd.readouterr().err
     assert ros.change(node, scene='presses').successful
     assert node.trigger_configure() == SUCCESS

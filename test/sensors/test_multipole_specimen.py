@@ -125,7 +125,7 @@ def of_presses(recording: Recording, name: str) -> np.ndarray:
 
 
 def test_known_heads_press_then_the_new_one_then_all(played: Recording) -> None:
-    lesson, labels = SPEC.lesson, of_presses(played, 'label')
+    lesson, labels = SPEC.new_class, of_presses(played, 'label')
     assert (lesson.label, lesson.presses) == (twin.NEW.name, twin.SHOTS)
     assert twin.NEW.name not in [head.name for head in SPEC.config().objects]  # type: ignore[attr-defined]
     assert twin.SHOTS < twin.TAUGHT

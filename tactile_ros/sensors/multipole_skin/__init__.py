@@ -67,5 +67,5 @@ SENSOR = SensorSpec(
         *CLASSES,
     ),
     recordings=dict,
-    lesson=EnrolmentScene(NEW.name, SHOTS, one_head, new_head),
+    new_class=EnrolmentScene(NEW.name, SHOTS, one_head, new_head),
 )

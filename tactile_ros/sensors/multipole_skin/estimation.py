@@ -251,7 +251,7 @@ class MultipoleEstimation(Estimation):
         Drawing of the skin: where a fit starts.
     estimator : str or None
         A regressor of frames, or a network of [1], which names presses and no more; None: the
-        best of all roads on held-out places.
+        best of all ways on held-out places.
 
     Attributes
     ----------

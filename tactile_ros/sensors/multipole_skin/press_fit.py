@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Learn a recogniser from resting readings and labelled presses, and choose its road."""
+"""Learn a recogniser from resting readings and labelled presses, and choose its way."""
 
 from __future__ import annotations
 
@@ -184,7 +184,7 @@ def _fit_sheet(
 
 
 def choose(recogniser: Recogniser, presses: Presses, outside: Presses, labels: Labels) -> Report:
-    """Keep supports, and choose the road that is right most often on held-out presses.
+    """Keep supports, and choose the way that is right most often on held-out presses.
 
     `presses` are windows (n), `outside` the same as templates see them whose skin was fitted
     without them; the recogniser is changed.
@@ -198,17 +198,17 @@ def choose(recogniser: Recogniser, presses: Presses, outside: Presses, labels: L
         recogniser.still_ = _unaveraged(recogniser, presses, matches)
     recogniser.known_ = recogniser.supports(presses, labels.label, labels.number)
     unseen = recogniser.matches(outside)
-    roads, fold = ('press_neighbours', 'prototypes'), labels.number % FOLDS
+    ways, fold = ('press_neighbours', 'prototypes'), labels.number % FOLDS
     if recogniser.described:
-        roads, fold = ('press_templates', 'press_both'), labels.folds
-    found = {road: _validated(recogniser, presses, unseen, fold, road) for road in roads}
-    shares = {road: float((named == labels.label).mean()) for road, named in found.items()}
+        ways, fold = ('press_templates', 'press_both'), labels.folds
+    found = {way: _validated(recogniser, presses, unseen, fold, way) for way in ways}
+    shares = {way: float((named == labels.label).mean()) for way, named in found.items()}
     if recogniser.described and labels.label.max() >= len(recogniser.outlines):
         shares['press_templates'] = 0.0  # they cannot name all
-    # of roads that are as good, the one that needs the least to have been seen
-    best = max(roads, key=lambda road: round(shares[road], 3))
+    # of ways that are as good, the one that needs the least to have been seen
+    best = max(ways, key=lambda way: round(shares[way], 3))
     recogniser.road_ = best
-    report = {'label_by_press': {f'accuracy_{road}': shares[road] for road in roads}}
+    report = {'label_by_press': {f'accuracy_{way}': shares[way] for way in ways}}
     if recogniser.described:
         assert unseen is not None
         report.update(_placed(recogniser, labels, unseen, presses, found[best]))
@@ -230,15 +230,15 @@ def _unaveraged(recogniser: Recogniser, presses: Presses, matches: Matches) -> f
 
 
 def _validated(
-    recogniser: Recogniser, presses: Presses, matches: Matches | None, fold: Integers, road: str
+    recogniser: Recogniser, presses: Presses, matches: Matches | None, fold: Integers, way: str
 ) -> Integers:
     """Names of held-out presses, -1 where nothing is near."""
     named = np.full(len(fold), -1)
     for i in np.unique(fold):
         rows = np.flatnonzero(fold == i)
-        supports = recogniser.evidence_by(recogniser.known_.rows(np.flatnonzero(fold != i)), road)
+        supports = recogniser.evidence_by(recogniser.known_.rows(np.flatnonzero(fold != i)), way)
         some = None if matches is None else matches.rows(rows)
-        classes, scores, _ = recogniser.scores(presses.rows(rows), some, supports, road)
+        classes, scores, _ = recogniser.scores(presses.rows(rows), some, supports, way)
         if len(classes):
             near = np.isfinite(scores.min(axis=1))
             named[rows] = np.where(near, classes[scores.argmin(axis=1)], -1)
