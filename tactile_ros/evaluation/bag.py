@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
+from heapq import heappop, heappush
 from importlib import import_module
 from pathlib import Path
 from threading import RLock
@@ -506,7 +507,7 @@ class _McapFile:
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self.topics: dict[int, tuple[str, Taker | None]] = {}
-        self.chunks: list[int] = []
+        self.chunks: list[int] = []  # places ahead, as a heap
         self.lost: Counter[str] = Counter()
 
     def read(self) -> Iterator[None]:
@@ -542,7 +543,9 @@ class _McapFile:
 
     def _after_damage(self, damaged: int) -> int | None:
         """Place of the next chunk that the index names; None: there is none."""
-        at = min((place for place in self.chunks if place > damaged), default=None)
+        while self.chunks and self.chunks[0] <= damaged:
+            heappop(self.chunks)
+        at = self.chunks[0] if self.chunks else None
         if at is None:
             self._say(f'is cut off or damaged at byte {damaged}; what follows was left out')
         else:
@@ -581,7 +584,7 @@ class _McapFile:
                     name = self.schemas[channel.schema_id].name
                     self.content.announced[channel.topic] = name
             elif record.code == CHUNK_INDEX:
-                self.chunks.append(struct.unpack_from('<Q', record.body, 16)[0])
+                heappush(self.chunks, struct.unpack_from('<Q', record.body, 16)[0])
             elif record.code == MESSAGE:
                 self._take_records(HEAD.pack(MESSAGE, len(record.body)) + record.body)
         except (self.errors.McapError, struct.error, UnicodeDecodeError):

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import rclpy.subscription
@@ -56,7 +56,7 @@ class RecordNode(ManagedNode):
             write = partial(self._write, self.resolve_topic_name(topic), type_name, latched)
             callback = write if GIVES_INFO else partial(write, info={})
             self.subscribe(kind, topic, callback, raw=True)
-        self.steady_timer(FLUSH_PERIOD_S, self._writer.flush)
+        self.steady_timer(FLUSH_PERIOD_S, partial(self._store, self._writer.flush))
 
     def _write(
         self, topic: str, type_name: str, latched: bool, data: bytes, info: Mapping[str, int]
@@ -66,8 +66,13 @@ class RecordNode(ManagedNode):
         received_ns = 0 if simulated else info.get('received_timestamp', 0)
         stamp_ns = received_ns if received_ns > 0 else self.now_ns()
         self._taken += 1
+        self._store(self._writer.write, topic, type_name, stamp_ns, bytes(data), latched)
+
+    def _store(self, store: Callable[..., None], *given: object) -> None:
+        """Store something; a disk that is full is reported once and ends the node."""
         try:
-            self._writer.write(topic, type_name, stamp_ns, bytes(data), latched)
+            if not self.exit_code:
+                store(*given)
         except RecordingError as err:
             self.get_logger().error(str(err))
             self.exit_code = 1
@@ -81,7 +86,7 @@ class RecordNode(ManagedNode):
     def cleanup(self) -> None:
         """Close the bag with its index."""
         if self._writer is not None:
-            self._writer.close()
+            self._store(self._writer.close)
             total = sum(self._writer.counts.values())
             self.get_logger().info(f'{total} messages are in {self._writer.path}')
             self._writer = None

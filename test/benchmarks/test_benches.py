@@ -6,7 +6,9 @@ import os
 import sys
 import xml.etree.ElementTree as ET
 from collections import Counter
+from dataclasses import replace
 from itertools import count
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -119,3 +121,22 @@ def test_quick_benches_leave_slow_tasks_out_and_unanswered_ones_are_missed(
 def test_a_figure_comes_through_the_public_face() -> None:
     (task,) = (task for task in tasks('magnet_pad') if task.name == 'pad_nominal')
     assert figure(task) <= task.limit
+
+
+@pytest.mark.ros
+def test_a_grip_of_the_latency_bench_has_every_figure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Boards, stack and hand as the bench starts them, four fingers on one sensor's contacts."""
+    pytest.importorskip('rclpy')
+    from benchmarks import latency
+    from benchmarks.worlds import grip_rig
+
+    learn = grip_rig._calibrated
+    monkeypatch.setattr(grip_rig, '_calibrated', lambda *given: learn(*given, 'ridge'))
+    scene = replace(grip_rig.skin_scene(tmp_path), fingers=grip_rig.FINGERS[:1])
+    run = latency.measure(tmp_path, scene, 1.0)
+    figures = {row.what: row.ours for row in latency._rows('stack', run)}
+    assert None not in figures.values(), run.why
+    assert 0 < figures['stack: delay p50'] <= figures['stack: delay p99']
+    assert 0 < figures['stack: frames with a command of their own'] <= 100

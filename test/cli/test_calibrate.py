@@ -94,6 +94,23 @@ def test_files_of_others_are_replaced_on_request_alone(
     assert main([*replay, '--report', str(page)]) == 0
 
 
+def test_a_full_disk_leaves_nothing_half(
+    board_files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    def full(*_: object) -> None:
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr('os.fsync', full)
+    small, fitted = str(board_files / 'small.npz'), str(board_files / 'a.npz')
+    calibrate = ['calibrate', 'reskin_board', small, '--estimator', 'ridge', '-o']
+    replay = ['replay', small, '--calibration', fitted]
+    for command in (calibrate, [*replay, '--save'], [*replay, '--report']):
+        assert main([*command, str(tmp_path / 'out')]) == 1
+        assert 'No space left on device' in capsys.readouterr().err.splitlines()[-1]
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize('place', ['', 'file/below/c.npz', 'file/c.npz'])
 @pytest.mark.parametrize(
     'command',

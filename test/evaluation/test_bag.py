@@ -8,6 +8,7 @@ import struct
 import subprocess
 import sys
 import textwrap
+import time
 from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
@@ -154,6 +155,22 @@ def test_a_damaged_chunk_is_left_out_and_the_rest_is_read(tmp_path: Path) -> Non
     content = read_all(tmp_path / 'bag')
     assert [m.log_ns for m in content.messages] == [*range(10), *range(20, 30)]
     assert f'going on at byte {chunks[2]}' in content.problems[0]
+
+
+def test_an_index_of_many_places_without_a_chunk_costs_little(tmp_path: Path) -> None:
+    file, count = tmp_path / 'bag.mcap', 20_000
+    padding = bytes(count)
+    entries = b''.join(
+        bags.HEAD.pack(bags.CHUNK_INDEX, 56) + struct.pack('<3Q32x', 0, 0, 9 + place)
+        for place in range(count)
+    )
+    footer = bags.HEAD.pack(bags.FOOTER, 20) + struct.pack('<QQI', 8 + count, 0, 0)
+    file.write_bytes(bags.MAGIC + padding + entries + footer + bags.MAGIC)
+    began = time.process_time()
+    content = read_all(file)
+    assert time.process_time() - began < 5.0
+    assert content.messages == []
+    assert 'is damaged at byte 8; going on at byte 9' in content.problems[0]
 
 
 @pytest.mark.parametrize('compression', ['ZSTD', 'LZ4'])

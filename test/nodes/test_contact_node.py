@@ -87,11 +87,11 @@ class Sensor:
         assert self.ros.until(lambda: self.node.count_subscribers(topic))
         return heard
 
-    def send(self, values: np.ndarray) -> None:
-        """Publish rows as frames, 10 ms apart."""
+    def send(self, values: np.ndarray, stamp_ns: int | None = None) -> None:
+        """Publish rows as frames, 10 ms apart where no stamp is given."""
         for row in np.asarray(values):
-            message = TactileFrame()
-            fill_frame(message, Frame(stamp_of(self.count), self.count, row), 'thumb')
+            message, at = TactileFrame(), stamp_of(self.count) if stamp_ns is None else stamp_ns
+            fill_frame(message, Frame(at, self.count, row), 'thumb')
             self.frame.publish(message)
             self.count += 1
 
@@ -270,6 +270,30 @@ def test_tracking_is_switched_off_whatever_the_calibration_says(
     offered = {name for name, _ in sensor.node.get_topic_names_and_types()}
     assert '/wrench' in offered
     assert not offered & {'/object_pose', '/surface'}
+
+
+def test_diagnostics_name_times_that_cannot_be_and_a_second_publisher(
+    ros: Ros, sensor: Sensor, touches: Recording
+) -> None:
+    sensor.process(touches.values[:2])
+    for at_ns in (0, sensor.node.now_ns() + 365 * 86_400 * 10**9):
+        sensor.send(touches.values[:1], at_ns)
+    assert ros.until(lambda: len(sensor.contacts) == 4)
+    assert [message.valid for message in sensor.contacts] == [True, True, False, False]
+    assert all(message.status & FrameStatus.STALE for message in sensor.contacts[2:])
+    sensor.count -= 1
+    sensor.send(touches.values[:1])
+    assert ros.until(lambda: len(sensor.contacts) == 5)
+    told = sensor.told()['message']
+    for sentence in ('2 stamps replaced', '1 stamps backwards', '1 sequences repeated'):
+        assert sentence in told
+    ros.listener.create_publisher(TactileFrame, 'frame', qos())
+    assert ros.until(
+        lambda: (
+            '2 publishers send /frame' in sensor.told()['message']
+            or sensor.send(touches.values[:1])
+        )
+    )
 
 
 def test_quality_of_service_of_one_topic_can_be_overridden(ros: Ros) -> None:

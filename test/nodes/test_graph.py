@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 
 from tactile_ros.action import Grasp
 from tactile_ros.enrolment import thinned
-from tactile_ros.msg import GripState, TactileContacts
+from tactile_ros.msg import GripState, TactileContacts, TactileFrame
 from tactile_ros.nodes.graph import (
     Graph,
     HandSetup,
@@ -31,6 +31,7 @@ from tactile_ros.nodes.graph import (
     stack_of,
     yaml_text,
 )
+from tactile_ros.nodes.lifecycle import qos
 from tactile_ros.nodes.processes import Running
 from tactile_ros.sensors import load_sensor
 
@@ -266,6 +267,7 @@ def test_a_start_that_cannot_be_is_one_sentence() -> None:
         'the ROS arguments cannot be read': ('sensor_node', '--params-file', '/nowhere.yaml'),
         'hand must be one of allegro_plexus': ('grip_node', '-p', 'hand:=none'),
         'sensor must be one of five_wire_skin': ('contact_node', '-p', 'sensor:=none'),
+        'cannot be read as plain arrays (it is no file)': ('stack', '-p', 'calibration:=/tmp'),
     }
     started = {
         sentence: subprocess.Popen(
@@ -278,3 +280,19 @@ def test_a_start_that_cannot_be_is_one_sentence() -> None:
         assert process.returncode in (1, 2)
         assert sentence in said
         assert 'Traceback' not in said
+
+
+def test_a_full_disk_ends_the_recorder_with_a_sentence(ros: Ros, tmp_path: Path) -> None:
+    command = Process('record', {'bag': str(tmp_path / 'bag')}).command()
+    limited = ['/bin/sh', '-c', 'ulimit -f 40; exec "$@"', 'sh', *command]
+    ros.init()
+    publisher = ros.listener.create_publisher(TactileFrame, 'frame', qos())
+    message = TactileFrame(values=[0.0] * 15)
+    with subprocess.Popen(
+        limited, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as recorder:
+        assert ros.until(lambda: recorder.poll() is not None or publisher.publish(message))
+        said = recorder.stdout.read()
+    assert recorder.returncode == 1, said
+    assert said.count('cannot grow: File too large') == 1, said
+    assert 'Traceback' not in said

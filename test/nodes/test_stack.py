@@ -19,18 +19,29 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from rosgraph_msgs.msg import Clock
 
 from reference import grip_roads
+from reference.made_bags import read_all
+from tactile_ros import messages
 from tactile_ros.devices.reskin_protocol import encode
 from tactile_ros.evaluation.recording_files import LoadedRecording, load
 from tactile_ros.evaluation.replay import replay
-from tactile_ros.msg import TactileContacts
+from tactile_ros.msg import TactileContacts, TactileFrame, TactileLayout
 from tactile_ros.nodes import grip_node, lifecycle, stack
-from tactile_ros.nodes.graph import Graph, SensorSetup, sensing
+from tactile_ros.nodes.graph import BagPlayback, Graph, SensorSetup, replaying, sensing
+from tactile_ros.nodes.lifecycle import qos
 from tactile_ros.nodes.player_node import as_received
 from tactile_ros.nodes.processes import Running
 from tactile_ros.sensors import load_sensor
-from tactile_ros.types import STATE_FIELDS, ContactStates, Frame, Recording
+from tactile_ros.types import (
+    STATE_FIELDS,
+    ContactStates,
+    Frame,
+    FrameStatus,
+    Recording,
+    TaxelStatus,
+)  # fmt: skip
 
 if TYPE_CHECKING:
     from conftest import Port, Ros
@@ -63,11 +74,14 @@ def graph_of(chosen: SensorSetup) -> Graph:
 
 
 @pytest.fixture(scope='module')
-def bags(
-    tmp_path_factory: pytest.TempPathFactory, touches_file: Path, calibration: Path
-) -> dict[str, LoadedRecording]:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where bags are."""
+    return tmp_path_factory.mktemp('roads')
+
+
+@pytest.fixture(scope='module')
+def bags(folder: Path, touches_file: Path, calibration: Path) -> dict[str, LoadedRecording]:
     """Bags of both live roads."""
-    folder = tmp_path_factory.mktemp('roads')
     loaded = {}
     for one_process in (False, True):
         chosen = setting(folder, touches_file, calibration, one_process)
@@ -144,6 +158,40 @@ def test_both_live_roads_and_the_recording_itself_agree(
         np.testing.assert_allclose(nodes[touched], alone, rtol=0, atol=TOLERANCE, err_msg=name)
 
 
+def test_a_bag_that_is_played_gives_its_contacts_but_for_its_tares(
+    ros: Ros, bags: dict[str, LoadedRecording], folder: Path, calibration: Path
+) -> None:
+    """The graph of replay.launch.py; the player's part, clock and two topics, is played here."""
+    playback = BagPlayback(str(folder / 'nodes'), str(calibration), namespace='hand/thumb')
+    ros.init()
+    frames, layout = playback.topics
+    kinds = {'/clock': Clock, frames: TactileFrame, layout: TactileLayout}
+    said = {
+        topic: ros.listener.create_publisher(kind, topic, qos(topic.rsplit('/', 1)[-1]))
+        for topic, kind in kinds.items()
+    }
+    heard = ros.hear(TactileContacts, '/hand/thumb/contacts')
+    recording = bags['nodes'].recording
+    with Running(replaying(playback)) as running:
+        assert ros.until(said[frames].get_subscription_count), running.lines
+        for message in read_all(folder / 'nodes').messages:
+            clock = Clock()
+            clock.clock.sec, clock.clock.nanosec = divmod(message.log_ns, 10**9)
+            said['/clock'].publish(clock)
+            if message.topic in playback.topics:
+                said[message.topic].publish(message.data)
+        assert ros.until(lambda: len(heard) == len(recording)), running.lines
+        assert running.stop() == {'contact_node': 0}, running.lines
+    got = messages.read_contacts(heard, recording.layout.shape[0])
+    pipeline = load_sensor('reskin_board').load(calibration)
+    alone = pipeline.process_batch(replace(recording, tare=None))
+    assert np.isfinite(alone.position[:, :2]).all(axis=1).sum() >= TOUCHES
+    for name in STATE_FIELDS.keys() - {'object_pose', 'object_pose_cov'}:
+        np.testing.assert_allclose(
+            got[name], getattr(alone, name), rtol=0, atol=TOLERANCE, err_msg=name
+        )
+
+
 def test_ctrl_c_while_everything_still_loads_is_silent() -> None:
     code = (
         'import os, signal, sys\n'
@@ -194,6 +242,41 @@ def test_contacts_come_without_a_frame_on_the_wire_and_by_few_calls(
     # the collector is frozen once warm
     assert gc.get_freeze_count() == 0
     assert ros.until(lambda: gc.get_freeze_count() or port.play([next(waiting)]))
+
+
+def test_boards_that_hang_or_have_no_power_are_not_valid(
+    ros: Ros, port: Port, calibration: Path, rows: np.ndarray
+) -> None:
+    """Through driver and DDS: the last reading again and again, new ones, then zeros."""
+    ros.init(f'port:={port.port}', f'calibration:={calibration}')
+    nodes = [ros.add(node) for node in stack.build()]
+    heard: list[TactileContacts] = ros.hear(TactileContacts, 'contacts')
+    lifecycle.start(nodes)
+    sent = 0
+
+    def play(some: np.ndarray) -> None:
+        nonlocal sent
+        port.play(some)
+        sent += len(some)
+
+    def answers(some: np.ndarray) -> list[TactileContacts]:
+        first = sent
+        for row in some:
+            play(row[None])
+            assert ros.until(lambda: heard[-1].sequence == sent - 1)
+        return [message for message in heard if message.sequence >= first]
+
+    assert ros.until(lambda: heard or play(rows[:1] + 1e-6 * sent))
+    assert ros.until(lambda: heard[-1].sequence == sent - 1)
+    assert all(message.valid for message in answers(rows[:100])[-50:])
+    hung = answers(np.repeat(rows[99:100], 20, axis=0))
+    assert not any(message.valid for message in hung[4:])
+    assert hung[4].status & FrameStatus.STALE
+    assert (np.array([message.taxel_status for message in hung[10:]]) & TaxelStatus.STUCK).all()
+    assert answers(rows[100:120])[-1].valid
+    dead = answers(np.zeros((5, *rows.shape[1:])))
+    assert not any(message.valid or message.in_contact == 1 for message in dead)
+    assert (np.array([message.taxel_status for message in dead]) & TaxelStatus.DEAD).all()
 
 
 @pytest.fixture(scope='module')
