@@ -230,7 +230,7 @@ def estimated(specimens: tuple[int, ...]) -> list[Row]:
     for term, learned, words, scene in (
         ('stray_term', calm, 'no field outside', calm),
         ('stray_term', calm, '1.5 mT outside', outside),
-        ('thermal_term', warm, '0 to 50 C', warm),
+        ('thermal_term', warm, '10 to 60 C', warm),
     ):
         errors = [
             [_force_error(seed, {term: on}, learned, scene) for on in (True, False)]

@@ -181,7 +181,7 @@ def leaks(world: World, ours: Pipeline) -> list[Row]:
 
 
 def warmth() -> tuple[list[Row], str]:
-    """0 to 50 C against one temperature, and figure 9 of [3]."""
+    """10 to 60 C against one temperature, and figure 9 of [3]."""
     world = World(11)
     cases = {
         'disc as warm as the chip': Scene(span=50.0),
@@ -193,7 +193,7 @@ def warmth() -> tuple[list[Row], str]:
         fits.append(fitted(world, world.record(WARM, 4, scene)))
         hot = rms(errors(fits[-1], world.record(1000, 5, scene))[0])
         ratio = float((hot / cold).max())
-        rows.append(Row(f'0..50 C over isothermal, {name}', '1', ratio, aim=1.5))
+        rows.append(Row(f'10..60 C over isothermal, {name}', '1', ratio, aim=1.5))
     scene = cases['disc as warm as the chip']
     test = world.record(1000, 5, scene)
     chain = fitted(world, world.record(3 * WARM, 4, scene), estimator='polynomial')
@@ -201,7 +201,7 @@ def warmth() -> tuple[list[Row], str]:
     said = {}
     for name, pipeline in found.items():
         error = MILLI * errors(pipeline, test)[0][:, 2]
-        rows.append(Row(f'Fz over 0..50 C, {name}', 'mN', float(rms(error))))
+        rows.append(Row(f'Fz over 10..60 C, {name}', 'mN', float(rms(error))))
         said[name] = test.temperature_c[judged(pipeline, test)[1], 0], error
     high = max(float(np.quantile(np.abs(error), 0.99)) for _, error in said.values())
     title = 'Error of Fz over temperature'

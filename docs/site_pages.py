@@ -82,8 +82,14 @@ def moved(name: str) -> str:
 def table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
     """A table of Markdown."""
     lines = [list(head), ['---'] * len(list(head)), *map(list, rows)]
-    cells = [[str(cell).replace('|', '\\|').replace('\n', ' ') for cell in line] for line in lines]
+    cells = [[in_a_cell(str(cell)) for cell in line] for line in lines]
     return '\n'.join(f'| {" | ".join(line)} |' for line in cells) + '\n'
+
+
+def in_a_cell(text: str) -> str:
+    """Text as a cell shows it; `<name>` is no tag of HTML."""
+    plain = text if '`' in text else text.replace('<', '&lt;')
+    return plain.replace('|', '\\|').replace('\n', ' ')
 
 
 def results() -> str:
@@ -129,7 +135,7 @@ def stale_figures() -> list[str]:
             if row and ours is not None and f'{ours:.{len(row[1].partition(".")[2])}f}' != row[1]:
                 found.append(f'docs/{key}.md: {task.name} is {ours:.4g}, not {row[1]}')
         (paper,) = re.findall(r'^# .*paper \[(\d)\]', page)
-        shown = re.findall(rf'^\| \[{paper}\] \|.*?\*\*(.+?)\*\*', readme, re.MULTILINE)
+        shown = re.findall(rf'^\| \[{paper}\] .*?\*\*(.+?)\*\*', readme, re.MULTILINE)
         figures = [figure for cell in shown for figure in re.split(' / |; ', cell)]
         missing = [figure for figure in figures if not re.search(rf'\| {figure}\b', page)]
         found += [f'README.md: {figure} is not in docs/{key}.md' for figure in missing]

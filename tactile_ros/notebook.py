@@ -126,6 +126,8 @@ def load(
 ) -> Calibration | Recording | dict[str, Recording]:
     """Load a calibration, a recording, a bag, or a folder of recordings: whatever is there.
 
+    It warns of what could not be read. Raises RecordingError or CalibrationError if nothing could.
+
     Parameters
     ----------
     path : path-like
@@ -134,8 +136,6 @@ def load(
         give a dict of them by name.
     sensor : str
         Key of the sensor, for what has no layout: a .csv, or some bags.
-
-    It warns of what could not be read. Raises RecordingError or CalibrationError if nothing could.
     """
     place = Path(path)
     if _holds(place, CALIBRATION_MARK):
