@@ -20,7 +20,7 @@ STYLE = (
 )
 DEPTH = 0.6e-3
 PLACE = np.array([19e-3, 20e-3, 0.0])
-RED, BLUE = '#b2182b', '#2166ac'
+RED, BLUE = '#d6604d', '#4393c3'
 
 
 def templates() -> str:
