@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import cast
 
 import numpy as np
@@ -16,7 +17,7 @@ from tactile_ros.devices.framed_protocol import Payload, three_axis_chips
 from tactile_ros.devices.mlx90393 import ChipPlace, ChipSettings
 from tactile_ros.devices.serial_board import FramedBoard, LineBoard
 from tactile_ros.devices.simulated_i2c import ChipArrayTwin
-from tactile_ros.devices.simulated_serial import FramedTwin, LineTwin
+from tactile_ros.devices.simulated_serial import FramedTwin, LineTwin, SerialTwin
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.devices.transport import I2cBus
 from tactile_ros.types import Array, Device, Layout, Twin
@@ -35,27 +36,16 @@ FASTEST_HZ = 400_000
 
 
 @dataclass(frozen=True)
-class FramedConnection:
-    """A microcontroller that sends the framed protocol over a serial port.
-
-    A sensor's own connection says `payload` and `scale`.
-    """
+class SerialConnection:
+    """A board that sends frames by itself over a serial port."""
 
     port: str = text_of('/dev/ttyACM0', 'serial port; /dev/serial/by-id/... survives replugging')
-    baud: int = whole(921_600, 'baud rate; native USB ignores it', 1200, 12_000_000)
+    baud: int = whole(115_200, 'baud rate; native USB ignores it', 1200, 12_000_000)
     native_usb: bool = switch(False, 'true: USB from end to end, no baud rate to fit through')
 
     def __post_init__(self) -> None:
         """Check values once, at the door."""
         admit(self)
-
-    def payload(self, layout: Layout) -> Payload:
-        """Content of the frames."""
-        raise NotImplementedError
-
-    def scale(self) -> npt.ArrayLike:
-        """Unit of the layout per count, broadcast to (t, c)."""
-        raise NotImplementedError
 
     def open(self, layout: Layout, clock_ns: Callable[[], int]) -> Device:
         """Driver with stamps from `clock_ns` (ns); not opened yet.
@@ -63,8 +53,15 @@ class FramedConnection:
         A ValueError says that port or buses cannot carry the layout's rate, or do not fit its
         taxels.
         """
-        payload, scale = self.payload(layout), self.scale()
-        return FramedBoard(self.port, layout, payload, scale, self.baud, self.native_usb, clock_ns)
+        raise NotImplementedError
+
+    def at(self, port: str) -> SerialConnection:
+        """The same at the port of a twin."""
+        return replace(self, port=port)
+
+    def board(self, layout: Layout) -> Callable[..., SerialTwin]:
+        """Twin of the board by what all twins need."""
+        raise NotImplementedError
 
     def simulate(
         self, layout: Layout, signal: Callable[[float], Array], noise: float | Array, seed: int,
@@ -77,45 +74,68 @@ class FramedConnection:
         deviation of a reading, `seed` that of noise and faults; `clock` is the board's (None: the
         machine's).
         """
-        return FramedTwin(
-            layout, self.payload(layout), self.scale(), signal, noise, temperature_c, seed, clock,
-            baud=self.baud, native_usb=self.native_usb,
+
+        def driver(port: str, clock_ns: Callable[[], int]) -> Device:
+            return self.at(port).open(layout, clock_ns)
+
+        return self.board(layout)(
+            layout=layout, driver=driver, signal=signal, noise=noise, seed=seed, clock=clock,
+            temperature_c=temperature_c,
         )  # fmt: skip
 
 
 @dataclass(frozen=True)
-class LineConnection:
-    """A microcontroller, such as an Arduino, that prints a line of numbers for each frame.
+class FramedConnection(SerialConnection):
+    """A microcontroller that sends the framed protocol over a serial port.
 
-    See `text_lines` for what a line may be. A sensor's own connection has other defaults.
+    A sensor's own connection says `payload` and `scale`.
     """
 
-    port: str = text_of('/dev/ttyACM0', 'serial port; /dev/serial/by-id/... survives replugging')
-    baud: int = whole(115_200, 'baud rate; native USB ignores it', 1200, 12_000_000)
-    native_usb: bool = switch(False, 'true: USB from end to end, no baud rate to fit through')
+    baud: int = whole(921_600, 'baud rate; native USB ignores it', 1200, 12_000_000)
+
+    def payload(self, layout: Layout) -> Payload:
+        """Content of the frames."""
+        raise NotImplementedError
+
+    def scale(self) -> npt.ArrayLike:
+        """Unit of the layout per count, broadcast to (t, c)."""
+        raise NotImplementedError
+
+    def open(self, layout: Layout, clock_ns: Callable[[], int]) -> Device:
+        """See `SerialConnection.open`."""
+        payload, scale = self.payload(layout), self.scale()
+        return FramedBoard(self.port, layout, payload, scale, self.baud, self.native_usb, clock_ns)
+
+    def board(self, layout: Layout) -> Callable[..., SerialTwin]:
+        """See `SerialConnection.board`."""
+        return partial(FramedTwin, payload=self.payload(layout), scale=self.scale())
+
+
+@dataclass(frozen=True)
+class LineConnection(SerialConnection):
+    """A microcontroller, such as an Arduino, that prints a line of numbers for each frame.
+
+    See `text_lines` for what a line may be; lines tell no temperature. A sensor's own connection
+    has other defaults.
+    """
+
     scale: float = number(1.0, 'unit of the readings for each printed number', '1', -1e12)
     decimals: int = whole(0, 'digits after the point that the board prints', 0, 9)
 
     def __post_init__(self) -> None:
         """Check values once, at the door."""
-        admit(self)
+        super().__post_init__()
         if self.scale == 0:
             msg = 'scale of LineConnection must not be 0; received 0'
             raise ValueError(msg)
 
     def open(self, layout: Layout, clock_ns: Callable[[], int]) -> Device:
-        """See `FramedConnection.open`."""
+        """See `SerialConnection.open`."""
         return LineBoard(self.port, layout, self.scale, self.baud, self.native_usb, clock_ns)
 
-    def simulate(
-        self, layout: Layout, signal: Callable[[float], Array], noise: float | Array, seed: int,
-        clock: VirtualClock | None = None, temperature_c: Callable[[float], Array] | None = None,
-    ) -> Twin:  # fmt: skip
-        """See `FramedConnection.simulate`; lines tell no temperature."""
-        return LineTwin(
-            layout, signal, noise, seed, clock, self.scale, self.decimals, self.baud,
-            self.native_usb,
-        )  # fmt: skip
+    def board(self, layout: Layout) -> Callable[..., SerialTwin]:
+        """See `SerialConnection.board`."""
+        return partial(LineTwin, scale=self.scale, decimals=self.decimals)
 
 
 def open_lines(port: str, taxels: int, scale: float = 1.0) -> Device:
@@ -125,12 +145,13 @@ def open_lines(port: str, taxels: int, scale: float = 1.0) -> Device:
 
 
 @dataclass(frozen=True)
-class ChipConnection(ChipSettings, FramedConnection):
+class ChipConnection(ChipSettings, SerialConnection):
     """MLX90393 chips on I2C buses, or behind a microcontroller on a serial port.
 
     Fields of the other transport are not used; one number counts for all chips.
     """
 
+    baud: int = whole(921_600, 'baud rate; native USB ignores it', 1200, 12_000_000)
     transport: str = text_of('i2c', 'how the chips are reached', ('i2c', 'serial'))
     buses: tuple[str, ...] = texts(('/dev/i2c-1',), 'paths of the I2C buses')
     bus_of_chip: tuple[int, ...] = whole_numbers((0,), 'bus of each chip, or of all', 0, 15)
@@ -160,28 +181,28 @@ class ChipConnection(ChipSettings, FramedConnection):
         switched = [(m, c) if m != DIRECT else () for m, c in zip(mux, channel, strict=True)]
         return [ChipPlace(a, b, *s) for a, b, s in zip(addresses, bus, switched, strict=True)]
 
-    def payload(self, layout: Layout) -> Payload:
-        """Content of the frames where the chips are behind a serial port."""
-        return three_axis_chips(layout.shape[0])
-
-    def scale(self) -> npt.ArrayLike:
-        """Step of x, y, z (T) at these settings, shape (3,)."""
-        return self.tesla_per_count
-
     def open(self, layout: Layout, clock_ns: Callable[[], int]) -> Device:
-        """See `FramedConnection.open`."""
+        """See `SerialConnection.open`."""
         if self.transport == 'serial':
-            return super().open(layout, clock_ns)
+            return FramedBoard(
+                self.port, layout, three_axis_chips(layout.shape[0]), self.tesla_per_count,
+                self.baud, self.native_usb, clock_ns,
+            )  # fmt: skip
         return ChipArray(
             [I2cBus(path) for path in self.buses], self.places(layout.shape[0]), layout,
             self, cast('Mode', self.mode), layout.rate_hz, clock_ns, bus_hz=self.bus_clock,
         )  # fmt: skip
 
+    def board(self, layout: Layout) -> Callable[..., SerialTwin]:
+        """See `SerialConnection.board`."""
+        payload = three_axis_chips(layout.shape[0])
+        return partial(FramedTwin, payload=payload, scale=self.tesla_per_count)
+
     def simulate(
         self, layout: Layout, signal: Callable[[float], Array], noise: float | Array, seed: int,
         clock: VirtualClock | None = None, temperature_c: Callable[[float], Array] | None = None,
     ) -> Twin:  # fmt: skip
-        """See `FramedConnection.simulate`; the signal is in chip axes."""
+        """See `SerialConnection.simulate`; the signal is in chip axes."""
         if self.transport == 'serial':
             return super().simulate(layout, signal, noise, seed, clock, temperature_c)
         return ChipArrayTwin(

@@ -10,14 +10,15 @@ import threading
 import time
 import tty
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from tactile_ros.devices import framed_protocol, reskin_protocol, text_lines
 from tactile_ros.devices.framed_protocol import Payload
-from tactile_ros.devices.serial_board import FramedBoard, LineBoard, ReskinBoard
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.types import Array, Closing, Device, Layout
@@ -25,7 +26,9 @@ from tactile_ros.types import Array, Closing, Device, Layout
 Driver = Callable[[str, Callable[[], int]], Device]  # on a port, with stamps by a clock (ns)
 
 BYTE_FAULTS = ('dropped', 'doubled', 'flipped', 'garbage', 'inserted', 'truncated', 'shifted')
-SERIAL_FAULTS = (*BYTE_FAULTS, 'lost', 'stall', 'unplug', 'stuck_chip', 'saturation')
+SERIAL_FAULTS: tuple[str, ...] = (
+    *BYTE_FAULTS, 'lost', 'stall', 'unplug', 'stuck_chip', 'saturation',
+)  # fmt: skip
 LONGEST_RUN = 16
 STALL_S = 0.5
 AWAY_S = 1.0
@@ -148,6 +151,7 @@ class SimulatedSerialPort(Closing):
                 return 0
 
 
+@dataclass(kw_only=True, eq=False)
 class SerialTwin(Closing):
     """A simulated board: port, pace, noise and faults of all kinds of boards.
 
@@ -155,6 +159,8 @@ class SerialTwin(Closing):
     ----------
     layout : Layout
         Of the sensor; its `rate_hz` is the board's.
+    driver : callable
+        The real one, on a port and with a clock (ns).
     signal, temperature_c : callable, callable or None
         Time since the start (s) -> values (t, c) (unit of the layout); chip temperatures (t,)
         (degrees Celsius), None: 25.
@@ -176,28 +182,28 @@ class SerialTwin(Closing):
     a checksum cannot always show.
     """
 
-    faults: tuple[str, ...] = SERIAL_FAULTS
-    unseen: tuple[str, ...] = ()
+    faults = SERIAL_FAULTS
+    unseen: ClassVar[tuple[str, ...]] = ()
     one_converter = False
 
-    def __init__(
-        self, layout: Layout, driver: Driver, signal: Callable[[float], Array],
-        noise: npt.ArrayLike, temperature_c: Callable[[float], Array] | None, seed: int,
-        clock: VirtualClock | None,
-    ) -> None:  # fmt: skip
-        if not 0 < layout.rate_hz < np.inf:
-            msg = f'rate_hz of the layout of a twin must be above 0; received {layout.rate_hz}'
+    layout: Layout
+    driver: Driver
+    signal: Callable[[float], Array]
+    noise: npt.ArrayLike = 0.0
+    temperature_c: Callable[[float], Array] | None = None
+    seed: int = 0
+    clock: VirtualClock | None = None
+
+    def __post_init__(self) -> None:
+        hertz = self.layout.rate_hz
+        if not 0 < hertz < np.inf:
+            msg = f'rate_hz of the layout of a twin must be above 0; received {hertz}'
             raise ValueError(msg)
-        self.layout = layout
         if not np.isfinite(self._limit()).all():
             self.faults = tuple(fault for fault in self.faults if fault != 'saturation')
         self.injected: dict[str, int] = dict.fromkeys(self.faults, 0)
         self.overruns = 0
-        self._driver, self._signal = driver, signal
-        self._noise = np.broadcast_to(np.asarray(noise, np.float64), layout.shape)
-        self._temperature_c = temperature_c
-        self._rng = np.random.default_rng(seed)
-        self._clock = clock
+        self._rng = np.random.default_rng(self.seed)
         self._port: SimulatedSerialPort | None = None
         self._waiting: list[str] = []
         self._lock = threading.Lock()
@@ -227,7 +233,7 @@ class SerialTwin(Closing):
     def open(self) -> None:
         """Plug in and, without a virtual clock, begin to send."""
         _ = self._line
-        if self._clock is None and self._thread is None:
+        if self.clock is None and self._thread is None:
             self._stop.clear()
             self._thread = threading.Thread(target=self._run, daemon=True)
             self._thread.start()
@@ -244,7 +250,7 @@ class SerialTwin(Closing):
 
     def device(self, clock_ns: Callable[[], int]) -> Device:
         """The real driver on this twin's port, stamped by `clock_ns`; not yet entered."""
-        return self._driver(self.port, clock_ns)
+        return self.driver(self.port, clock_ns)
 
     def inject(self, fault: str, count: int = 1) -> None:
         """Let the next `count` frames suffer a fault, after those that are waiting already.
@@ -276,8 +282,8 @@ class SerialTwin(Closing):
     def period(self) -> bytes:
         """Bytes of the next period of the virtual clock, for whoever carries them to a reader."""
         data = self._next()
-        if self._clock is not None:
-            self._clock.sleep(1.0 / self.layout.rate_hz)
+        if self.clock is not None:
+            self.clock.sleep(1.0 / self.layout.rate_hz)
         return data
 
     def _run(self) -> None:
@@ -321,7 +327,7 @@ class SerialTwin(Closing):
             self._silent, self._away = max(1, round(AWAY_S * self.layout.rate_hz)), True
             self._line.unplug()
             return b''
-        temperature = 25.0 if self._temperature_c is None else self._temperature_c(t)
+        temperature = 25.0 if self.temperature_c is None else self.temperature_c(t)
         values = self._sample(t, fault)
         intact = data = self._bytes(values, np.broadcast_to(temperature, len(values)), t, fault)
         while fault in BYTE_FAULTS and (not data or intact in data):
@@ -330,8 +336,8 @@ class SerialTwin(Closing):
 
     def _sample(self, t: float, fault: str) -> Array:
         """Values with noise, with one taxel stuck or saturated, or all of a converter stuck."""
-        noise = self._noise * self._rng.standard_normal(self.layout.shape)
-        values = np.asarray(self._signal(t), np.float64) + noise
+        noise = np.asarray(self.noise) * self._rng.standard_normal(self.layout.shape)
+        values = np.asarray(self.signal(t), np.float64) + noise
         if fault == 'saturation':
             values[int(self._rng.integers(len(values)))] = self._limit()
         elif fault == 'stuck_chip' and self._last is not None:
@@ -352,33 +358,23 @@ class SerialTwin(Closing):
         raise NotImplementedError
 
 
+@dataclass(kw_only=True, eq=False)
 class ReskinTwin(SerialTwin):
     """The ReSkin / AnySkin board: float32 readings (T) without sequence or clock.
 
     Chips clip at the `saturation` of the layout; `quantum`, broadcast to (3,), is their step (T).
-    `driver` opens port and clock (ns) as a sensor does; None: `ReskinBoard` with that `quantum`.
     nan: one field of a frame becomes not a number. Flipped, garbage and shifted may pass
     undetected.
     """
 
-    faults: tuple[str, ...] = (*SERIAL_FAULTS, 'nan')
+    faults = (*SERIAL_FAULTS, 'nan')
     unseen = ('flipped', 'garbage', 'shifted')
 
-    def __init__(
-        self, layout: Layout, signal: Callable[[float], Array], noise: npt.ArrayLike = 0.0,
-        temperature_c: Callable[[float], Array] | None = None, seed: int = 0,
-        clock: VirtualClock | None = None, quantum: npt.ArrayLike | None = None,
-        driver: Driver | None = None,
-    ) -> None:  # fmt: skip
-        def usual(port: str, clock_ns: Callable[[], int]) -> Device:
-            return ReskinBoard(port, layout, clock=clock_ns, quantum=self._quantum)
-
-        super().__init__(layout, driver or usual, signal, noise, temperature_c, seed, clock)
-        self._quantum = None if quantum is None else np.broadcast_to(quantum, 3)
+    quantum: npt.ArrayLike | None = None
 
     def _bytes(self, values: Array, temperature_c: Array, t: float, fault: str) -> bytes:
-        if self._quantum is not None:
-            values = np.rint(values / self._quantum) * self._quantum
+        if self.quantum is not None:
+            values = np.rint(values / np.asarray(self.quantum)) * self.quantum
         data = reskin_protocol.encode(values, temperature_c)
         if fault != 'nan':
             return data
@@ -386,6 +382,7 @@ class ReskinTwin(SerialTwin):
         return data[:place] + NAN_BYTES + data[place + 4 :]
 
 
+@dataclass(kw_only=True, eq=False)
 class FramedTwin(SerialTwin):
     """A board of the framed protocol: counts, sequence and a clock that jumps.
 
@@ -395,20 +392,12 @@ class FramedTwin(SerialTwin):
 
     faults = (*SERIAL_FAULTS, 'clock_jump')
 
-    def __init__(
-        self, layout: Layout, payload: Payload, scale: npt.ArrayLike,
-        signal: Callable[[float], Array], noise: npt.ArrayLike = 0.0,
-        temperature_c: Callable[[float], Array] | None = None, seed: int = 0,
-        clock: VirtualClock | None = None, baud: int = 115200, native_usb: bool = True,
-    ) -> None:  # fmt: skip
-        self._payload = payload
+    payload: Payload
+    scale: npt.ArrayLike
 
-        def driver(port: str, clock_ns: Callable[[], int]) -> Device:
-            return FramedBoard(port, layout, payload, scale, baud, native_usb, clock_ns)
-
-        self._scale = np.broadcast_to(np.asarray(scale, np.float64), layout.shape)
-        super().__init__(layout, driver, signal, noise, temperature_c, seed, clock)
-        self.one_converter = payload.one_converter
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.one_converter = self.payload.one_converter
         self._origin_us = 0.0
         self._sequence = 0
 
@@ -417,35 +406,28 @@ class FramedTwin(SerialTwin):
         self._origin_us = -t * 1e6
 
     def _limit(self) -> Array:
-        return np.asarray(self._scale[0] * self._payload.full_count, np.float64)
+        scale = np.broadcast_to(np.asarray(self.scale, np.float64), self.layout.shape)
+        return np.asarray(scale[0] * self.payload.full_count)
 
     def _bytes(self, values: Array, temperature_c: Array, t: float, fault: str) -> bytes:
         if fault == 'clock_jump':
             jump = self._rng.uniform(LEAST_JUMP_S, MOST_JUMP_S) * self._rng.choice((-1, 1))
             self._origin_us += round(jump * 1e6)
         time_us = round(self._origin_us + t * 1e6)
-        counts = np.rint(values / self._scale).astype(np.int64)
+        counts = np.rint(values / np.asarray(self.scale)).astype(np.int64)
         sequence, self._sequence = self._sequence, self._sequence + 1
-        return framed_protocol.encode(self._payload, counts, sequence, time_us, temperature_c)
+        return framed_protocol.encode(self.payload, counts, sequence, time_us, temperature_c)
 
 
+@dataclass(kw_only=True, eq=False)
 class LineTwin(SerialTwin):
     """A board that prints lines of numbers with so many `decimals`; hurt digits are not seen."""
 
     unseen = BYTE_FAULTS
     one_converter = True
 
-    def __init__(
-        self, layout: Layout, signal: Callable[[float], Array], noise: npt.ArrayLike = 0.0,
-        seed: int = 0, clock: VirtualClock | None = None, scale: npt.ArrayLike = 1.0,
-        decimals: int = 0, baud: int = 115200, native_usb: bool = False,
-    ) -> None:  # fmt: skip
-        def driver(port: str, clock_ns: Callable[[], int]) -> Device:
-            return LineBoard(port, layout, scale, baud, native_usb, clock_ns)
-
-        super().__init__(layout, driver, signal, noise, None, seed, clock)
-        self._scale = np.broadcast_to(np.asarray(scale, np.float64), layout.shape)
-        self._decimals = decimals
+    scale: float
+    decimals: int
 
     def _bytes(self, values: Array, temperature_c: Array, t: float, fault: str) -> bytes:
-        return text_lines.encode(values / self._scale, self._decimals)
+        return text_lines.encode(values / self.scale, self.decimals)

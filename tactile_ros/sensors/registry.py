@@ -29,14 +29,14 @@ class Connection(Protocol):
     """Frozen dataclass of port and protocol, which opens a sensor there or simulates it."""
 
     def open(self, layout: Layout, clock_ns: Callable[[], int]) -> Device:
-        """See `devices.connections.FramedConnection`."""
+        """See `devices.connections.SerialConnection`."""
         ...
 
     def simulate(
         self, layout: Layout, signal: Signal, noise: float | Array, seed: int,
         clock: VirtualClock | None = None, temperature_c: Signal | None = None,
     ) -> Twin:  # fmt: skip
-        """See `devices.connections.FramedConnection`."""
+        """See `devices.connections.SerialConnection`."""
         ...
 
 

@@ -171,11 +171,11 @@ def test_driver_marks_a_chip_that_repeats_itself(key: str, how: dict[str, object
 
 def test_driver_lets_a_board_of_one_converter_rest() -> None:
     with road_of('taxel_array', {}) as road:
-        road.twin._signal = lambda t: np.zeros(road.layout.shape)  # type: ignore[union-attr]
+        road.twin.signal = lambda t: np.zeros(road.layout.shape)  # type: ignore[union-attr]
         frames = road.run(0.5)
-        road.twin._signal = road.signal  # type: ignore[union-attr]
+        road.twin.signal = road.signal  # type: ignore[union-attr]
         frames += road.run(0.5)
-        road.twin._signal = lambda t: np.zeros(road.layout.shape)  # type: ignore[union-attr]
+        road.twin.signal = lambda t: np.zeros(road.layout.shape)  # type: ignore[union-attr]
         frames += road.run(2.0)
     assert len(frames) > 200
     assert all(frame.status is None for frame in frames)

@@ -16,6 +16,7 @@ from tactile_ros.devices.simulated_serial import (
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.devices.transport import SerialPort
 from tactile_ros.errors import DeviceError, DeviceTimeout
+from tactile_ros.sensors.reskin_board.twin import ReskinBoardConnection
 from tactile_ros.types import Array, Layout
 
 STEP = 1e-7
@@ -26,8 +27,11 @@ def ramp(t: float) -> Array:
     return np.full((5, 3), 1e-3) + round(t * 400) * 4 * STEP
 
 
-def make_reskin(layout: Layout, clock: VirtualClock | None = None) -> ReskinTwin:
-    return ReskinTwin(layout, ramp, clock=clock, quantum=np.full(3, STEP))
+def make_reskin(
+    layout: Layout, clock: VirtualClock | None = None, step: float = STEP
+) -> ReskinTwin:
+    connection = ReskinBoardConnection(step=np.full(3, step))
+    return connection.simulate(layout, ramp, 0.0, 0, clock)  # type: ignore[return-value]
 
 
 @pytest.mark.parametrize('kind', BYTE_FAULTS)
@@ -80,15 +84,15 @@ def test_twin_refuses_unknown_faults_and_missing_rates(layout: Layout) -> None:
     with pytest.raises(ValueError, match=r"fault must be one of dropped, .*; received 'nack'"):
         twin.inject('nack')
     with pytest.raises(ValueError, match='rate_hz of the layout of a twin must be above 0'):
-        ReskinTwin(Layout(np.zeros((5, 3)), ('x', 'y', 'z'), 'T'), ramp)
-    endless = ReskinTwin(Layout(np.zeros((5, 3)), ('x', 'y', 'z'), 'T', rate_hz=400.0), ramp)
+        make_reskin(Layout(np.zeros((5, 3)), ('x', 'y', 'z'), 'T'))
+    endless = make_reskin(Layout(np.zeros((5, 3)), ('x', 'y', 'z'), 'T', rate_hz=400.0))
     assert 'saturation' not in endless.faults
     assert 'saturation' in twin.faults
 
 
 def test_reskin_twin_sends_whole_steps(layout: Layout) -> None:
     step = 3 * STEP  # the ramp is not on this grid
-    twin = ReskinTwin(layout, ramp, quantum=np.full(3, step))
+    twin = make_reskin(layout, step=step)
     with twin, twin.device(time.monotonic_ns) as board:
         counts = np.array([board.read(60.0).values for _ in range(5)]) / step
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-3)

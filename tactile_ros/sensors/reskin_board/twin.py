@@ -5,17 +5,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from tactile_ros.devices.connections import SerialConnection
 from tactile_ros.devices.serial_board import ReskinBoard
 from tactile_ros.devices.simulated_serial import ReskinTwin
-from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.enrolment import Programme, Touches, Truth, growing_loads, recorded
 from tactile_ros.physics.magnetics import dipole_field, in_chip_axes
 from tactile_ros.sensors.reskin_board.config import CHANNELS, PITCH, ReskinBoardConfig, layout
 from tactile_ros.types import Array, Layout, Recording
-from tactile_ros.types.config_fields import admit, maybe_array, number, switch, text_of, whole
+from tactile_ros.types.config_fields import maybe_array, number, switch
 
 NOISE = 1e-6  # T
 ABOVE, MOMENT = 4e-3, 1e-3  # m, A m2
@@ -64,11 +65,9 @@ def presses(
 
 
 @dataclass(frozen=True)
-class ReskinBoardConnection:
+class ReskinBoardConnection(SerialConnection):
     """A serial port on which the board streams float32 t, x, y, z of every chip."""
 
-    port: str = text_of('/dev/ttyACM0', 'serial port; /dev/serial/by-id/... survives replugging')
-    baud: int = whole(115_200, 'baud rate; native USB ignores it', 1200, 12_000_000)
     temperature_measured: bool = switch(True, 'false: the temperature field holds no measurement')
     native_usb: bool = switch(
         True, 'false: a true UART, whose transfer time is taken off the stamps'
@@ -94,10 +93,6 @@ class ReskinBoardConnection:
         'T', (CHANNELS,), 1e-9, 1e-3,
     )  # fmt: skip
 
-    def __post_init__(self) -> None:
-        """Check values once, at the door."""
-        admit(self)
-
     def open(self, layout: Layout, clock_ns: Callable[[], int]) -> ReskinBoard:
         """Driver with stamps from `clock_ns` (ns); not opened yet."""
         return ReskinBoard(
@@ -106,16 +101,13 @@ class ReskinBoardConnection:
             quantum=self.step, mark_repeats=self.mark_repeats, conversion_s=self.conversion,
         )  # fmt: skip
 
-    def simulate(
-        self, layout: Layout, signal: Callable[[float], Array], noise: float | Array, seed: int,
-        clock: VirtualClock | None = None, temperature_c: Callable[[float], Array] | None = None,
-    ) -> ReskinTwin:  # fmt: skip
-        """Twin on a pseudo-terminal, see `FramedConnection.simulate`; nothing in it converts."""
+    def board(self, layout: Layout) -> Callable[..., ReskinTwin]:
+        """See `SerialConnection.board`."""
+        return partial(ReskinTwin, quantum=self.step)
 
-        def driver(port: str, clock_ns: Callable[[], int]) -> ReskinBoard:
-            return replace(self, port=port, conversion=0.0).open(layout, clock_ns)
-
-        return ReskinTwin(layout, signal, noise, temperature_c, seed, clock, self.step, driver)
+    def at(self, port: str) -> SerialConnection:
+        """See `SerialConnection.at`; nothing in a twin converts."""
+        return replace(self, port=port, conversion=0.0)
 
 
 def faster(clock_ns: Callable[[], int], rate: float) -> Callable[[], int]:
