@@ -13,9 +13,10 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
+from types import ModuleType
 
 from tactile_ros.cli.console import as_objects, read_config, working
-from tactile_ros.sensors import Design, SensorSpec, designable, load_sensor
+from tactile_ros.sensors import SensorSpec, designable, load_sensor
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def sensor_parser(spec: SensorSpec, design: Design) -> argparse.ArgumentParser:
+def sensor_parser(spec: SensorSpec, design: ModuleType) -> argparse.ArgumentParser:
     """Arguments of the design of one sensor."""
     parser = argparse.ArgumentParser(
         prog=f'tactile design {spec.key}',

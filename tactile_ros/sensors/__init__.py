@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import os
 
-from tactile_ros.sensors.registry import Design, SensorSpec, designable, list_sensors, load_sensor
+from tactile_ros.sensors.registry import SensorSpec, designable, list_sensors, load_sensor
 
-__all__ = ['Design', 'SensorSpec', 'designable', 'list_sensors', 'load_sensor']
+__all__ = ['SensorSpec', 'designable', 'list_sensors', 'load_sensor']
 
 __path__.extend(filter(None, os.environ.get('TACTILE_SENSORS', '').split(os.pathsep)))

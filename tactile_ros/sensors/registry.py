@@ -6,19 +6,19 @@ It lies beside this file, or in a folder that TACTILE_SENSORS names.
 
 from __future__ import annotations
 
-import argparse
 import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Protocol, cast
+from types import ModuleType
+from typing import Protocol
 
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.enrolment import Signal, playing
 from tactile_ros.errors import TactileError
 from tactile_ros.pipeline import Pipeline
-from tactile_ros.types.contracts import Device, Estimation, Table, Twin
+from tactile_ros.types.contracts import Device, Estimation, Twin
 from tactile_ros.types.frame import Array, Layout, SensorConfig
 from tactile_ros.types.recording import Recording
 
@@ -37,18 +37,6 @@ class Connection(Protocol):
         clock: VirtualClock | None = None, temperature_c: Signal | None = None,
     ) -> Twin:  # fmt: skip
         """See `devices.connections.SerialConnection`."""
-        ...
-
-
-class Design(Protocol):
-    """Module `design.py` of a sensor's folder, which need not have one."""
-
-    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
-        """Arguments of its own beside --config and --json."""
-        ...
-
-    def tables(self, config: SensorConfig, options: argparse.Namespace) -> list[Table]:
-        """Tables of what a config can measure, and which other would serve better."""
         ...
 
 
@@ -132,13 +120,16 @@ class SensorSpec:
         config = self.config() if config is None else config
         return Pipeline(self.key, config, self.layout(config), self.estimation(config, estimator))
 
-    def design(self) -> Design:
-        """Module that trades its geometry and materials; ValueError if the sensor has none."""
+    def design(self) -> ModuleType:
+        """Module that trades geometry and materials; ValueError if the sensor has none.
+
+        It has `add_arguments(parser)`, and `tables(config, options)`, a list of `types.Table`.
+        """
         if self.key not in designable():
             keys = ', '.join(designable())
             msg = f'sensor must be one that can be designed ({keys}); received {self.key!r}'
             raise ValueError(msg)
-        return cast('Design', importlib.import_module(f'tactile_ros.sensors.{self.key}.design'))
+        return importlib.import_module(f'tactile_ros.sensors.{self.key}.design')
 
     def load(self, path: str | Path) -> Pipeline:
         """Pipeline from a calibration file of this sensor; CalibrationError if it is none."""
