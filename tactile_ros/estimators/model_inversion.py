@@ -68,24 +68,6 @@ class ModelPrior:
         free = self.parameter_sigma > 0
         return np.where(free, 1.0 / np.where(free, self.parameter_sigma, 1.0) ** 2, 0.0)
 
-    def frames(
-        self, readings: Array, prior: Array | None = None, sigma: Array | None = None,
-        noise: Array | None = None,
-    ) -> Frames:  # fmt: skip
-        """Readings (s, m) with priors: mean and sigma (s, n), noise (s, m); None: the model's."""
-        count = len(readings)
-
-        def every(value: Array) -> Array:
-            wide = np.broadcast_to(value, (count, np.shape(value)[-1]))
-            return np.array(wide, np.float64, order='C')
-
-        spread = every(self.state_sigma if sigma is None else sigma)
-        return Frames(
-            every(readings), every(self.state if prior is None else prior),
-            1.0 / np.maximum(spread, FIXED) ** 2, every(self.noise if noise is None else noise),
-            np.flatnonzero((spread > 0).any(axis=0)),
-        )  # fmt: skip
-
 
 @dataclass(frozen=True)
 class Frames:

@@ -1,0 +1,16 @@
+# Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
+"""Readings of frames that all have the prior and the noise of their model."""
+
+import numpy as np
+
+from tactile_ros.estimators.model_inversion import FIXED, Frames, ModelPrior
+
+
+def usual_frames(model: ModelPrior, readings: np.ndarray) -> Frames:
+    """Readings (s, m) with the model's prior of the state and noise."""
+    prior, information, noise = (
+        np.tile(row, (len(readings), 1))
+        for row in (model.state, 1 / np.maximum(model.state_sigma, FIXED) ** 2, model.noise)
+    )
+    free = np.flatnonzero(model.state_sigma > 0)
+    return Frames(np.ascontiguousarray(readings), prior, information, noise, free)
