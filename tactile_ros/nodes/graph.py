@@ -10,14 +10,14 @@ import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from pathlib import Path
-from typing import TypeVar
 
 from tactile_ros.hands import list_hands, load_hand
 from tactile_ros.sensors import list_sensors, load_sensor
+from tactile_ros.types.config_fields import number, switch, text_of, whole
 
 PACKAGE = 'tactile_ros'
 PORT = '/dev/ttyACM0'
@@ -27,7 +27,6 @@ MOST_CHARACTERS = 200
 
 Value = bool | int | float | str | list[float] | list[str]
 SOURCES = ('hardware', 'recorded', 'simulated')
-T = TypeVar('T')
 
 
 @cache
@@ -113,22 +112,17 @@ def list_names(text: str) -> list[str]:
     return [name.strip() for name in text.split(',') if name.strip()]
 
 
-def choice(default: T, text: str, choices: Sequence[str] = ()) -> T:
-    """Field that a user chooses, as an argument of a launch file."""
-    return field(default=default, metadata={'help': text, 'choices': tuple(choices)})
-
-
 @dataclass(frozen=True, kw_only=True)
 class Everywhere:
     """Choices that hold for all processes of a graph; their defaults stay unsaid."""
 
-    namespace: str = choice(
+    namespace: str = text_of(
         '', 'namespace of nodes, topics and services; below that of a hand lie its fingers'
     )
-    params_file: str = choice('', 'YAML file of parameters, as those in config; empty: none')
-    use_sim_time: bool = choice(False, 'take time from /clock')
-    autostart: bool = choice(True, 'configure and activate the nodes at start')
-    respawn: bool = choice(True, 'start nodes of sensors again that end by themselves')
+    params_file: str = text_of('', 'YAML file of parameters, as those in config; empty: none')
+    use_sim_time: bool = switch(False, 'take time from /clock')
+    autostart: bool = switch(True, 'configure and activate the nodes at start')
+    respawn: bool = switch(True, 'start nodes of sensors again that end by themselves')
 
     def chosen(self, *names: str) -> dict[str, Value]:
         """Values that differ from the defaults; the rest is left to the parameter file."""
@@ -145,19 +139,19 @@ class Everywhere:
 class EverySensor(Everywhere):
     """Choices that hold for every sensor of a graph."""
 
-    sensor: str = choice('reskin_board', 'key of the sensors', list_sensors())
-    source: str = choice(
+    sensor: str = text_of('reskin_board', 'key of the sensors', tuple(list_sensors()))
+    source: str = text_of(
         'hardware',
         'where frames come from: sensors, recordings in place of boards, simulated twins',
         SOURCES,
     )
-    stack: bool = choice(
+    stack: bool = switch(
         False, 'sensors and contacts, of a hand also its grip, in one process by direct calls'
     )
-    seed: int = choice(
-        0, 'of simulated twins: their signal, noise and faults; counted up from finger to finger'
+    seed: int = whole(
+        0, 'of simulated twins: signal, noise and faults; counted up from finger to finger', low=0
     )
-    frame_prefix: str = choice(
+    frame_prefix: str = text_of(
         '', 'before the names of sensor frames in tf, as robot_state_publisher has it; empty: none'
     )
 
@@ -166,17 +160,19 @@ class EverySensor(Everywhere):
 class SensorSetup(EverySensor):
     """Graph of one sensor."""
 
-    port: str = choice(PORT, 'serial port; where no board is used, one in a private folder')
-    recording: str = choice(
+    port: str = text_of(PORT, 'serial port; where no board is used, one in a private folder')
+    recording: str = text_of(
         'spatial', 'recording to play: a name of a shipped one, or a file (.npz)'
     )
-    calibration: str = choice('', 'calibration file (.npz); empty: contacts say NOT_CALIBRATED')
-    bag: str = choice('', 'folder to record into; empty: nothing is recorded')
-    tare: bool = choice(True, 'the player calls the tare before each touch')
-    speed_up: float = choice(1.0, 'recorded time over played time; inf: as fast as the graph goes')
-    loop: bool = choice(False, 'the player begins again at the end')
-    fault: str = choice('', 'that a simulated twin suffers at the start, as name or name:count')
-    frame_id: str = choice(
+    calibration: str = text_of('', 'calibration file (.npz); empty: contacts say NOT_CALIBRATED')
+    bag: str = text_of('', 'folder to record into; empty: nothing is recorded')
+    tare: bool = switch(True, 'the player calls the tare before each touch')
+    speed_up: float = number(
+        1.0, 'recorded time over played time; inf: as fast as the graph goes', high=math.inf
+    )
+    loop: bool = switch(False, 'the player begins again at the end')
+    fault: str = text_of('', 'that a simulated twin suffers at the start, as name or name:count')
+    frame_id: str = text_of(
         '', 'name of the sensor frame in tf; empty: tactile_sensor, or after the namespace'
     )
 
@@ -193,19 +189,19 @@ class SensorSetup(EverySensor):
 class HandSetup(EverySensor):
     """Graph of a hand with sensors."""
 
-    hand: str = choice(
+    hand: str = text_of(
         'allegro_v5', f'one of {", ".join(list_hands())}, or a .yaml that describes a hand'
     )
-    mock_hand: bool = choice(False, "a fake takes the place of the hand's driver")
-    fingers: str = choice('', 'sensors that take part, parted by commas; empty: all of the hand')
-    ports: str = choice(
+    mock_hand: bool = switch(False, "a fake takes the place of the hand's driver")
+    fingers: str = text_of('', 'sensors that take part, parted by commas; empty: all of the hand')
+    ports: str = text_of(
         '', 'serial ports in the order of the fingers, with commas; empty: /dev/ttyACM0 and on'
     )
-    calibrations: str = choice('', 'folder with <finger>.npz; empty: contacts say NOT_CALIBRATED')
-    use_robot_description: bool = choice(
+    calibrations: str = text_of('', 'folder with <finger>.npz; empty: contacts say NOT_CALIBRATED')
+    use_robot_description: bool = switch(
         True, 'take limits, and pads whose frame is a link, from robot_description where it comes'
     )
-    wait_for_robot_description: bool = choice(False, 'send nothing before it has come')
+    wait_for_robot_description: bool = switch(False, 'send nothing before it has come')
 
     def sensors(self) -> list[str]:
         """Names of the sensors that take part; ValueError if the hand carries no such one."""
@@ -238,11 +234,11 @@ class HandSetup(EverySensor):
 class BagPlayback(Everywhere):
     """contact_node on the clock of a bag that `ros2 bag play` plays, in the bag's namespace."""
 
-    bag: str = choice('', 'folder of the bag')
-    calibration: str = choice('', 'calibration file (.npz); empty: contacts say NOT_CALIBRATED')
-    sensor: str = choice('reskin_board', 'key of the sensor', list_sensors())
-    rate: float = choice(1.0, 'recorded time over played time')
-    delay: float = choice(
+    bag: str = text_of('', 'folder of the bag')
+    calibration: str = text_of('', 'calibration file (.npz); empty: contacts say NOT_CALIBRATED')
+    sensor: str = text_of('reskin_board', 'key of the sensor', tuple(list_sensors()))
+    rate: float = number(1.0, 'recorded time over played time')
+    delay: float = number(
         3.0, 'time before the first message (s), in which player and node find each other'
     )
     use_sim_time: bool = field(default=True, init=False)

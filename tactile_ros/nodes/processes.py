@@ -148,7 +148,7 @@ def declared(defaults: object) -> list[DeclareLaunchArgument]:
     from launch.actions import DeclareLaunchArgument
 
     rows = [
-        (f.name, getattr(defaults, f.name), f.metadata['help'], f.metadata['choices'])
+        (f.name, getattr(defaults, f.name), f.metadata['help'], f.metadata.get('choices', ()))
         for f in fields(defaults)  # type: ignore[arg-type]
         if f.metadata
     ]
