@@ -117,11 +117,6 @@ class Equilibration:
             self.curve_ = _rising(_common_curve(u / self.top_, load, self.forces(u), known))
             vars(self).pop('_reach', None)
 
-    @property
-    def known(self) -> Bools:
-        """Taxels (t,) that have a law."""
-        return np.asarray(np.isfinite(self.weights_[:, 0]))
-
     def forces(self, output: Array) -> Array:
         """Forces (s, t) (N) of outputs (s, t) above the baseline; NaN without a law.
 

@@ -191,11 +191,6 @@ class I2cBus:
         self._master: BusMaster | None = None
         self._messages: dict[tuple[int, bytes, int], tuple[I2cMessage, ...]] = {}
 
-    @property
-    def is_open(self) -> bool:
-        """True while the bus is held."""
-        return self._master is not None
-
     def open(self) -> None:
         """Hold the bus; DeviceError where it is missing or forbidden."""
         if self._master is not None:

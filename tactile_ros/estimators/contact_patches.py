@@ -71,7 +71,6 @@ class Patches:
     variance: Array  # (s, k) of the sum
     position: Array  # (s, k, 3) centre of pressure (m)
     position_cov: Array  # (s, k, 3, 3) of the centre (m2)
-    area: Array  # (s, k) of the touched taxels (m2)
 
 
 class PatchFinder:
@@ -154,7 +153,6 @@ class PatchFinder:
         return Patches(
             label, np.bincount(of_row[kept], minlength=len(load)), column(whole),
             column(sum_of(variance[touched])), column(centre), column(cov),
-            column(sum_of(self.areas[taxel])),
         )  # fmt: skip
 
     def _parts(self, pressure: Array, touched: Bools) -> Integers:

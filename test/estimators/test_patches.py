@@ -74,7 +74,7 @@ def test_patches_are_those_of_a_slow_flood(share: float) -> None:
         found = [set(np.flatnonzero(batch.label[row] == k)) for k in range(batch.count[row])]
         assert sorted(map(sorted, found)) == sorted(map(sorted, wanted))
         live = finder.find(load[row : row + 1], 0 * load[:1], touched[row : row + 1])
-        for name in ('label', 'load', 'position', 'position_cov', 'area', 'variance'):
+        for name in ('label', 'load', 'position', 'position_cov', 'variance'):
             np.testing.assert_array_equal(getattr(live, name)[0], getattr(batch, name)[row])
         total = [load[row, list(patch)].sum() for patch in wanted]
         kept = batch.load[row, : len(wanted)]
@@ -90,7 +90,6 @@ def test_sums_centres_and_covariances_of_a_patch() -> None:
     found = finder.find(load, variance, load > 0)
     assert found.load[0].tolist()[:2] == [7.0, 4.0]
     assert np.isnan(found.load[0, 2])
-    np.testing.assert_allclose(found.area[0, :2], [4e-6, 12e-6])
     wanted = (load[0, [0, 1, 5]] @ positions[[0, 1, 5]]) / 4
     np.testing.assert_allclose(found.position[0, 1], wanted, atol=1e-15)
     away = positions[[0, 1, 5]] - wanted
