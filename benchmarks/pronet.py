@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.harness.rows import BenchResult, Row, shortest, within
 from benchmarks.worlds import multipole_trials as trials
-from benchmarks.worlds.multipole_trials import DEPTH, SHOTS, SPAN, TAKEN, Samples, world
+from benchmarks.worlds.multipole_trials import DEPTH, SHOTS, SPAN, Samples, world
 from tactile_ros.estimators.embedding import Embedding
 from tactile_ros.estimators.few_shot import press_patterns, support_scores
 from tactile_ros.sensors import load_sensor
@@ -41,16 +41,14 @@ def run(extent: str, command: str) -> BenchResult:
     count = TASKS[extent], OUR_TASKS[extent]
     held = trials.split_places(SEED)[1][: HELD[extent]]
     places = world.stations()
-    old = trials.collection(skin, world.nine_heads(), places[held], ASKED, TAKEN, returns=True)
+    old = trials.collection(skin, world.nine_heads(), places[held], ASKED)
     net, rows, fitted = pronet('shapes'), [], []
     tasks = Tasks(net, None if quick else recogniser(skin), count, SECONDS[extent], fitted)
     for shots in SHOTS[: 1 if quick else None]:
         rows += tasks.rows(old, shots, 5, '5 of 9 heads at held-out places', SHAPES[shots])
     if not quick:
         every = EVERY[extent]
-        new = trials.collection(
-            skin, world.new_heads(), places[::every], ASKED, TAKEN, returns=True
-        )
+        new = trials.collection(skin, world.new_heads(), places[::every], ASKED)
         for shots in SHOTS:
             rows += tasks.rows(new, shots, 5, 'five new heads', NEW_HEADS, AIMS.get(shots))
         # table V and figure 9: bars 1 and 2 taught, bar 3 is asked
@@ -60,9 +58,7 @@ def run(extent: str, command: str) -> BenchResult:
             ('some of 25 places', places[::every], POSTURES),
             ('random places', somewhere[:: every - 1], {}),
         ):
-            bars = trials.collection(
-                skin, world.bars()[2:], there, ASKED, TAKEN, trials.POSTURES, returns=True
-            )
+            bars = trials.collection(skin, world.bars()[2:], there, ASKED, trials.POSTURES)
             # one bar: tasks take their head from `source`
             bars = replace(bars, source=np.full_like(bars.source, 2))
             for shots in SHOTS:

@@ -20,7 +20,6 @@ from tactile_ros.types import Array, Integers, Outline
 
 SKIN = 100  # seed of the skin that the networks are trained on
 DEPTH = (0.3e-3, 0.9e-3)  # m
-SAMPLES = 30  # presses of a head at a place
 POSTURES = np.radians([0, 30, 60, 90, 120, 150])
 HELD_OUT = 5  # of 25 places, on which nothing is learned
 WAYS, TAKEN = 5, 10  # classes of a task of shapes, and presses of each
@@ -50,23 +49,21 @@ class Samples:
 
 def collection(
     skin: world.World, heads: Sequence[Outline], places: Array, seed: int,
-    samples: int = SAMPLES, turns: Sequence[float] = (0.0,), returns: bool = False,
+    turns: Sequence[float] = (0.0,),
 ) -> Samples:  # fmt: skip
     """Data collection of [1]: heads at places (p, 2) (m) and turns (rad), some presses of each.
 
     With more than one turn, the turns are the classes. `seed` is of depths, speeds, drift and
-    noise; `returns`: each press is a little aside of the one before, as a stage comes back.
+    noise; each press is a little aside of the one before, as a stage comes back.
     """
     rng = np.random.default_rng([17, seed])
     windows, what = [], []
     for i, head in enumerate(heads):
         for j, place in enumerate(places):
             for k, turn in enumerate(turns):
-                terms = None if returns else _terms(skin, head, place, turn)
-                for _ in range(samples):
-                    if returns:
-                        at = place + RETURNS[0] * rng.normal(size=2)
-                        terms = _terms(skin, head, at, turn + RETURNS[1] * rng.normal())
+                for _ in range(TAKEN):
+                    at = place + RETURNS[0] * rng.normal(size=2)
+                    terms = _terms(skin, head, at, turn + RETURNS[1] * rng.normal())
                     windows.append(_window(skin, terms, rng))
                     what.append((i if len(turns) == 1 else k, j, i))
     return Samples(np.array(windows, np.float32), *np.array(what).T)
