@@ -13,7 +13,6 @@ from tactile_ros.devices.simulated_serial import (
     SimulatedSerialPort,
     damage,
 )
-from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.devices.transport import SerialPort
 from tactile_ros.errors import DeviceError, DeviceTimeout
 from tactile_ros.sensors.reskin_board.twin import ReskinBoardConnection
@@ -27,11 +26,9 @@ def ramp(t: float) -> Array:
     return np.full((5, 3), 1e-3) + round(t * 400) * 4 * STEP
 
 
-def make_reskin(
-    layout: Layout, clock: VirtualClock | None = None, step: float = STEP
-) -> ReskinTwin:
+def make_reskin(layout: Layout, step: float = STEP) -> ReskinTwin:
     connection = ReskinBoardConnection(step=np.full(3, step))
-    return connection.simulate(layout, ramp, 0.0, 0, clock)  # type: ignore[return-value]
+    return connection.simulate(layout, ramp, 0.0, 0)  # type: ignore[return-value]
 
 
 @pytest.mark.parametrize('kind', BYTE_FAULTS)

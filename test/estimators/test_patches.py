@@ -10,11 +10,6 @@ from tactile_ros.sensors.taxel_array.config import grid_positions, radial_positi
 RINGS = np.vstack([radial_positions(24, r, r + 5e-3) for r in (5e-3, 10e-3, 15e-3)])
 
 
-def sizes(label: np.ndarray) -> list[int]:
-    """Taxels of each patch of one row."""
-    return np.bincount(label[label >= 0]).tolist()
-
-
 @pytest.mark.parametrize(
     ('positions', 'count'),
     [
@@ -112,4 +107,4 @@ def test_little_pressure_between_two_joins_nothing_and_is_lost_by_none() -> None
     assert found.count.tolist() == [2]
     np.testing.assert_allclose(np.nansum(found.load), load[touched].sum())
     np.testing.assert_allclose(np.sort(found.position[0, :2, 0]), [-6e-3, 6e-3], atol=5e-5)
-    assert sum(sizes(found.label[0])) == touched.sum()
+    assert (found.label[0] >= 0).sum() == touched.sum()

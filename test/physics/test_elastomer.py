@@ -53,10 +53,6 @@ def base_image(
     return moved / (4 * np.pi * shear_modulus)
 
 
-def sheet() -> Sheet:
-    return Sheet(np.array([75e-3, 75e-3]), 2e-3, 2e-3, 75e-3 / 8, 'M4', np.full(9, 0.1))
-
-
 def close(found: np.ndarray, wanted: np.ndarray) -> None:
     np.testing.assert_allclose(found, wanted, atol=0.01 * np.abs(wanted).max())
 
@@ -200,7 +196,7 @@ def test_a_turned_outline_is_turned() -> None:
 
 
 def test_turns_are_those_of_cells() -> None:
-    one = sheet()
+    one = Sheet(np.array([75e-3, 75e-3]), 2e-3, 2e-3, 75e-3 / 8, 'M4', np.full(9, 0.1))
     carpet = PunchedCarpet(BODY, *one.lines, one.levels)
     dents, head, pose = PunchDents(one, 0.0, BODY), world.box('', 14e-3, 9e-3), np.zeros(3)
     images = dents.on_sheet(one, dents.images(*dents.loads(head), pose))

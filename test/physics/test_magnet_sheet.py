@@ -66,10 +66,6 @@ def test_bands_that_do_not_fill_the_sheet_end_with_it() -> None:
     assert signs == (1, -1, 1, -1)
 
 
-def square_sheet(kind: str = 'M4') -> Sheet:
-    return Sheet(np.array([75e-3, 75e-3]), 2e-3, 2e-3, 75e-3 / 8, kind, np.full(9, 0.1))
-
-
 def test_series_of_a_moved_dipole_converge() -> None:
     r, moment = np.array([1e-3, 2e-3, -5e-3]), 1e-3
     moved = np.array([1e-4, -2e-4, 3e-4])
@@ -83,7 +79,8 @@ def test_series_of_a_moved_dipole_converge() -> None:
 
 
 def test_an_uneven_sheet_has_the_field_of_its_dipoles() -> None:
-    plain, chips = square_sheet(), world.SENSOR.config().positions
+    plain = Sheet(np.array([75e-3, 75e-3]), 2e-3, 2e-3, 75e-3 / 8, 'M4', np.full(9, 0.1))
+    chips = world.SENSOR.config().positions
     x, y = plain.lines
     uneven = 0.2 * np.sin(x / 9e-3)[:, None] * np.cos(y / 7e-3)
     whole = replace(plain, uneven=uneven)
