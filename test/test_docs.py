@@ -30,7 +30,7 @@ def parse(line: str) -> None:
         options = parser().parse_args(words)
         if options.command == 'design' and options.sensor in designable():
             spec = load_sensor(options.sensor)
-            sensor_parser(spec, spec.design()).parse_args(options.rest)
+            sensor_parser(spec).parse_args(options.rest)
     except SystemExit as stop:
         if stop.code:
             pytest.fail(f'{line} is refused')

@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from types import ModuleType
 
 from tactile_ros.cli.console import as_objects, read_config, working
 from tactile_ros.sensors import SensorSpec, designable, load_sensor
@@ -29,8 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def sensor_parser(spec: SensorSpec, design: ModuleType) -> argparse.ArgumentParser:
+def sensor_parser(spec: SensorSpec) -> argparse.ArgumentParser:
     """Arguments of the design of one sensor."""
+    design = spec.design()
     parser = argparse.ArgumentParser(
         prog=f'tactile design {spec.key}',
         description=design.__doc__,
@@ -45,11 +45,10 @@ def sensor_parser(spec: SensorSpec, design: ModuleType) -> argparse.ArgumentPars
 def run(options: argparse.Namespace) -> int:
     """Work out the tables of one sensor and print them."""
     spec = load_sensor(options.sensor)
-    design = spec.design()
-    own = sensor_parser(spec, design).parse_args(options.rest)
+    own = sensor_parser(spec).parse_args(options.rest)
     config = read_config(spec, own.config)
     with working(f'working out {spec.key}'):
-        tables = design.tables(config, own)
+        tables = spec.design().tables(config, own)
     if own.json:
         listed = [
             {'title': t.title, 'rows': as_objects(t.columns, t.rows), 'notes': list(t.notes)}
