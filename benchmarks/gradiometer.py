@@ -16,7 +16,7 @@ from sklearn.preprocessing import PolynomialFeatures, StandardScaler
 from benchmarks.harness.independent import independent_rows
 from benchmarks.harness.rows import BenchResult, Row, frame_us, inside, shortest, within
 from reference.gradiometer_world import Scene, World
-from reference.usual_frames import usual_frames
+from reference.inversion_frames import frames_of
 from tactile_ros.estimators.polynomial_force import PolynomialForce
 from tactile_ros.evaluation.figures import Plot, standalone
 from tactile_ros.pipeline import Pipeline
@@ -301,7 +301,7 @@ def cost(ours: Pipeline, world: World) -> list[Row]:
     rows = []
     for name, call, x, aim in (
         ('chain of [3]', printed.predict, flat, 20.0),
-        ('inversion', lambda x: disc.invert(usual_frames(disc.model, MILLI * x)), change, 60.0),
+        ('inversion', lambda x: disc.invert(frames_of(disc.model, MILLI * x)), change, 60.0),
     ):
         single = 1e6 * shortest(lambda call=call, x=x: call(x[100:101]), 200)
         batch = 1e6 * shortest(lambda call=call, x=x: call(x), 20) / len(x)

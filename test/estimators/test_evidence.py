@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from reference.usual_frames import usual_frames
+from reference.inversion_frames import frames_of
 from tactile_ros.estimators.evidence import Influence, learn_noise
 from tactile_ros.estimators.model_inversion import Calibration, ModelPrior, calibrate
 from tactile_ros.physics.compiled import compiled
@@ -52,8 +52,8 @@ def problem(stated: float) -> tuple[ModelPrior, np.ndarray, np.ndarray]:
 
 
 def fitted(model: ModelPrior, x: np.ndarray, f: np.ndarray) -> tuple[Calibration, Influence]:
-    fit = calibrate(model, usual_frames(model, x), f, x)
-    return fit, Influence(model, fit, usual_frames(model, x), f)
+    fit = calibrate(model, frames_of(model, x), f, x)
+    return fit, Influence(model, fit, frames_of(model, x), f)
 
 
 @pytest.mark.parametrize('size', [1, 5, 30])  # of a group: fewer and more than the parameters
@@ -67,7 +67,7 @@ def test_held_out_errors_are_those_of_refits_without_the_group(size: int) -> Non
     for name in (0, 2):
         held = groups == name
         without = np.where(held[:, None], np.nan, f)
-        refit = calibrate(model, usual_frames(model, x), without, x)
+        refit = calibrate(model, frames_of(model, x), without, x)
         weights = refit.parameters.reshape(2, TERMS)
         known = np.isfinite(f[held])
         expected = x[held] @ weights.T - f[held]

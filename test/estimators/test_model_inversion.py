@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from reference.usual_frames import usual_frames
+from reference.inversion_frames import frames_of
 from tactile_ros.estimators.model_inversion import (
     Calibration,
     Frames,
@@ -93,7 +93,7 @@ def frames(count: int, seed: int = 0) -> tuple[np.ndarray, Frames, np.ndarray]:
     )
     signal = x[:, :2] @ ROWS.T + 0.2 * x[:, :1] * x[:, 1:2]
     readings = GAINS * signal + x[:, 2:] + 0.01 * rng.normal(size=(count, 6))
-    return x, usual_frames(PRIOR, readings), SLOPE * x[:, :1] + 0.02 * rng.normal(size=(count, 1))
+    return x, frames_of(PRIOR, readings), SLOPE * x[:, :1] + 0.02 * rng.normal(size=(count, 1))
 
 
 def starts(count: int) -> np.ndarray:
@@ -113,9 +113,7 @@ def test_calibrate_linear_problem_gives_the_exact_posterior() -> None:
         linear, states, np.full(6, 0.1), np.ones(2), np.zeros(2), np.array([2.0, 3.0]),
         np.zeros(1), np.array([0.5]),
     )  # fmt: skip
-    fit = calibrate(
-        model, usual_frames(model, readings), np.full((5, 2), np.nan), np.zeros((5, 2))
-    )
+    fit = calibrate(model, frames_of(model, readings), np.full((5, 2), np.nan), np.zeros((5, 2)))
     shared = (np.arange(6) % 3.0)[:, None]
     design = np.hstack([np.kron(np.eye(5), ROWS), np.tile(shared, (5, 1))]) / 0.1
     prior = np.diag(1 / np.r_[np.tile([2.0, 3.0], 5), 0.5])
@@ -125,7 +123,7 @@ def test_calibrate_linear_problem_gives_the_exact_posterior() -> None:
     np.testing.assert_allclose(fit.parameters, exact[-1:], rtol=1e-8)
     np.testing.assert_allclose(fit.states.ravel(), exact[:-1], rtol=1e-8)
     np.testing.assert_allclose(fit.covariance, covariance[-1:, -1:], rtol=1e-9)
-    posterior = invert(model, fit, usual_frames(model, readings), np.zeros((5, 2)))
+    posterior = invert(model, fit, frames_of(model, readings), np.zeros((5, 2)))
     np.testing.assert_allclose(posterior.answers, posterior.states)
     np.testing.assert_allclose(posterior.answer_covariance[0], covariance[:2, :2], rtol=0.05)
 
@@ -176,10 +174,9 @@ def test_calibrate_refuses_a_state_that_nothing_determines() -> None:
         linear, states, np.full(6, np.inf), np.ones(2), np.zeros(2), np.full(2, np.inf),
         np.zeros(1), np.ones(1),
     )  # fmt: skip
+    same = frames_of(model, np.zeros((2, 6)))
     with pytest.raises(ValueError, match='determined neither'):
-        calibrate(
-            model, usual_frames(model, np.zeros((2, 6))), np.full((2, 2), np.nan), np.zeros((2, 2))
-        )
+        calibrate(model, same, np.full((2, 2), np.nan), np.zeros((2, 2)))
 
 
 def test_invert_states_its_errors(fitted: Calibration) -> None:
@@ -198,7 +195,7 @@ def test_invert_follows_a_bent_valley_from_every_start() -> None:
     )  # fmt: skip
     fit = Calibration(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 2)), 0.0, converged=True)
     first = np.array([[-1.2, 1.0], [3.0, -2.0], [0.0, 5.0]])
-    posterior = invert(model, fit, usual_frames(model, np.zeros((3, 2))), first)
+    posterior = invert(model, fit, frames_of(model, np.zeros((3, 2))), first)
     np.testing.assert_allclose(posterior.states, 1.0, atol=1e-4)
     exact = np.linalg.inv(np.array([[401.0, -200.0], [-200.0, 100.0]]))
     np.testing.assert_allclose(posterior.answer_covariance[0], exact, rtol=1e-2)
