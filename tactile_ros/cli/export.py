@@ -12,7 +12,7 @@ latest until then, where the bag has them.
 Parquet needs pyarrow: pip install 'tactile_ros[export]'.
 
 example:
-  tactile export my_bag --csv out/tables
+  tactile export normal_1 --csv out/tables
   tactile export my_bag another_bag --lerobot out/touches --fps 30 --task 'press the pad'
   tactile export my_bag --parquet out/parquet --calibration place.npz
 """
@@ -24,12 +24,15 @@ import sys
 import time
 from argparse import ArgumentTypeError
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from tactile_ros.cli.console import note, show, working
 from tactile_ros.errors import plain
+from tactile_ros.evaluation.bag import write_recording
 from tactile_ros.evaluation.export import CsvFile, ParquetFile, write_tables
 from tactile_ros.evaluation.fleet import open_calibration
 from tactile_ros.evaluation.lerobot import write_dataset
+from tactile_ros.sensors import list_sensors, load_sensor
 
 FASTEST = 10_000  # frames a second
 TABLES = ('bag', 'sensor', 'frames', 'contacts', 'forces')
@@ -46,7 +49,9 @@ def rate(text: str) -> int:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `tactile export`."""
-    parser.add_argument('bags', nargs='+', type=Path, help='bags: folders, .mcap or .db3 files')
+    parser.add_argument(
+        'bags', nargs='+', type=Path, help='bags (folders, .mcap, .db3), or shipped names'
+    )
     form = parser.add_mutually_exclusive_group(required=True)
     form.add_argument('--csv', type=Path, metavar='OUT', help='new folder of csv tables')
     form.add_argument('--parquet', type=Path, metavar='OUT', help='new folder of parquet tables')
@@ -60,6 +65,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true', help='print the table as JSON')
 
 
+def shipped(name: Path, folder: Path) -> Path:
+    """Bag of the recording that a sensor ships by a name; the name where there is none."""
+    for spec in map(load_sensor, list_sensors()):
+        if one := spec.recordings().get(str(name)):
+            write_recording(one, folder / name)
+            return folder / name
+    return name
+
+
 def run(options: argparse.Namespace) -> int:
     """Write the files, print what they hold, and return 1 where something could not be read."""
     target = options.csv or options.parquet or options.lerobot
@@ -68,8 +82,9 @@ def run(options: argparse.Namespace) -> int:
     if len(set(names)) < len(names):
         raise ValueError(f'bags must have different names; received {", ".join(names)}')
     pipelines = [open_calibration(path) for path in options.calibration]
-    begun = time.perf_counter()
-    with working('exporting'):
+    with working('exporting'), TemporaryDirectory() as folder:
+        bags = [path if path.exists() else shipped(path, Path(folder)) for path in bags]
+        begun = time.perf_counter()
         if options.lerobot:
             done = write_dataset(bags, target, options.fps, options.task, pipelines)
         else:

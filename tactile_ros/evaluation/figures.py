@@ -603,8 +603,9 @@ def sigma_calibration(targets: Sequence[metrics.TargetErrors]) -> Figure:
     limits = ndtri(0.5 + expected[:-1] / 2)
     plot = Plot((0, 100), (0, 100), 'stated (%)', 'found (%)',
                 description='Found against stated share of errors within k sigma')  # fmt: skip
-    ends = np.array([0.0, 100.0])
-    plot.band(ends, ends - 5, ends + 5, 'band ink')
+    for groups in {target.coverage.groups for target in targets}:
+        low, high = np.transpose([metrics.accepted(share, groups) for share in expected])
+        plot.band(100 * expected, 100 * low, 100 * high, 'band ink')
     for i, target in enumerate(targets[:4]):
         stated = target.variance > 0
         ratio = np.abs(target.judged[stated] / np.sqrt(target.variance[stated]))
@@ -620,7 +621,7 @@ def sigma_calibration(targets: Sequence[metrics.TargetErrors]) -> Figure:
     )
     caption = (
         f'Inside one sigma: {measured}. On the diagonal the stated errors are the real ones; '
-        'the grey band is 5 points wide on either side.'
+        'what is accepted is grey.'
     )
     key = tuple((f'c{i}', title_of(t)) for i, t in enumerate(targets[:4]))
     return Figure('Are the covariances honest?', caption, (plot,), key)

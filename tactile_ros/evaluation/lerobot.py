@@ -251,7 +251,7 @@ class Episode:
         count = -(-span * fps // NS_PER_S) + 1
         if count > UNEVEN * (most + fps):
             msg = (
-                f'{bag.path}: its {most} frames are spread over {span / NS_PER_S:.3g} s; '
+                f'{bag.path.name}: its {most} frames are spread over {span / NS_PER_S:.3g} s; '
                 '`tactile doctor BAG` shows where stamps jump'
             )
             raise RecordingError(msg)
@@ -267,7 +267,7 @@ class Episode:
         new = np.diff(self.tactile[key].ends(self.times), prepend=0)
         if new.max() > UNEVEN * (1 + new.mean()):
             msg = (
-                f'{self.path}: {new.max()} frames of {key} have nearly the same stamp; '
+                f'{self.path.name}: {new.max()} frames of {key} have nearly the same stamp; '
                 '`tactile doctor BAG` shows where they stand still'
             )
             raise RecordingError(msg)

@@ -77,6 +77,13 @@ class Coverage:
         return self.low <= self.share <= self.high
 
 
+def accepted(share: float, groups: int) -> tuple[float, float]:
+    """Range of a share that is accepted: 5 points, or the 95 % binomial interval if wider."""
+    below = bdtr(np.arange(groups + 1), groups, share)  # of a binomial distribution
+    low, high = (float(end) / groups for end in np.searchsorted(below, (0.025, 0.975)))
+    return min(low, share - TOLERANCE), max(high, share + TOLERANCE)
+
+
 UNCOVERED = Coverage(float('nan'), float('nan'), float('nan'), 0, 0)
 
 
@@ -92,10 +99,7 @@ def coverage(error: Array, variance: Array, groups: Integers, sigmas: int = 1) -
         return Coverage(float('nan'), aimed - TOLERANCE, aimed + TOLERANCE, 0, 0)
     inside = np.abs(error[kept]) <= sigmas * np.sqrt(variance[kept])
     number = len(np.unique(groups[kept]))
-    below = bdtr(np.arange(number + 1), number, aimed)  # of a binomial distribution
-    low, high = (float(end) / number for end in np.searchsorted(below, (0.025, 0.975)))
-    low, high = min(low, aimed - TOLERANCE), max(high, aimed + TOLERANCE)
-    return Coverage(float(inside.mean()), low, high, count, number)
+    return Coverage(float(inside.mean()), *accepted(aimed, number), count, number)
 
 
 def accuracy(said: Integers, true: Integers) -> float:

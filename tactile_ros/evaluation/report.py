@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from importlib import metadata
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -319,10 +319,18 @@ CELLS: dict[str, Callable[[Dataset, Answer], Cell]] = {
     'us/frame': lambda _, a: a.us_single,
     'us/frame batch': lambda _, a: a.us_batch,
 }
-ON_PAGES = [name for name in CELLS if name not in (
-    'calibration', 'contact right (%)', 'cell right (%)', 'label right (%)', 'slip right (%)',
-    'frames', 'us/frame batch',
-)]  # fmt: skip
+NAMES = ('recording', 'estimator')
+ON_PAGES = {  # tables that no page is too narrow for
+    'Contact and place': (
+        'false contacts (%)', 'contacts found (%)', 'place mean (mm)', 'place, untared (mm)',
+        'p50', 'p95', 'place in 1 sigma (%)', 'named rightly (%)',
+    ),
+    'Force': (
+        'normal RMSE (N)', 'normal, untared (N)', 'shear RMSE (N)', 'shear, untared (N)',
+        'force in 1 sigma (%)',
+    ),
+    'Time and loss': ('groups', 'latency p50 (ms)', 'p99 (ms)', 'dropped', 'us/frame'),
+}  # fmt: skip
 
 
 def rows_of(
@@ -336,7 +344,7 @@ def rows_of(
 
 def table(result: Result) -> tuple[list[str], list[list[Cell]]]:
     """Summary of a report."""
-    return rows_of(result.datasets, ON_PAGES)
+    return rows_of(result.datasets, [*NAMES, *chain(*ON_PAGES.values())])
 
 
 def _is_measured(cell: Cell) -> bool:
@@ -459,16 +467,20 @@ def render_page(template: Path, **values: object) -> str:
 
 def render(result: Result) -> str:
     """HTML of the whole report."""
-    columns, rows = table(result)
-    best = _best(columns, rows)
-    words = [all(isinstance(row[i], str) for row in rows) for i in range(len(columns))]
-    cells = [
-        [
-            (figure_text(cell), 'words' if words[i] else 'best' * ((n, i) in best))
-            for i, cell in enumerate(row)
+    tables = []
+    for title, names in ON_PAGES.items():
+        columns, rows = rows_of(result.datasets, [*NAMES, *names])
+        rows = [row for row in rows if any(map(_is_measured, row[len(NAMES) :]))]
+        best = _best(columns, rows)
+        cells = [
+            [
+                (figure_text(cell), 'words' if i < len(NAMES) else 'best' * ((n, i) in best))
+                for i, cell in enumerate(row)
+            ]
+            for n, row in enumerate(rows)
         ]
-        for n, row in enumerate(rows)
-    ]
+        if rows:
+            tables.append((title, columns, cells))
     colours = colours_of(result)
     sections = [
         {
@@ -478,11 +490,11 @@ def render(result: Result) -> str:
         }
         for dataset in result.datasets
     ]
-    names = dict.fromkeys(a.name.split(',')[0] for d in result.datasets for a in d.answers)
+    used = dict.fromkeys(a.name.split(',')[0] for d in result.datasets for a in d.answers)
     return render_page(
         Path(__file__).with_name('report.html'), result=result, headline=headline(result),
-        columns=list(zip(columns, words, strict=True)), rows=cells, sections=sections,
-        estimators=', '.join(names) or 'none', frames=sum(d.frames for d in result.datasets),
+        tables=tables, sections=sections, estimators=', '.join(used) or 'none',
+        frames=sum(d.frames for d in result.datasets),
         timed=any(d.latency.count for d in result.datasets),
     )  # fmt: skip
 

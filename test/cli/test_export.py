@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from tactile_ros.cli.main import main
+from tactile_ros.sensors import load_sensor
 
 
 def test_a_torn_bag_is_exported_as_far_as_it_goes_and_named(
@@ -47,3 +48,15 @@ def test_wrong_use_is_refused_in_a_sentence(
     assert main(['export', str(bag), *out]) == 1
     assert 'pip install pyarrow' in capsys.readouterr().err
     assert not (tmp_path / 'out').exists()
+
+
+def test_a_shipped_recording_is_exported_by_its_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['export', 'normal_1', '--csv', str(tmp_path / 'out')]) == 0
+    assert 'no newtons of taxels' in capsys.readouterr().err
+    lines = (tmp_path / 'out/normal_1/sensor/frames.csv').read_text().splitlines()
+    shipped = load_sensor('reskin_board').recordings()['normal_1']
+    assert len(lines) == 1 + len(shipped)
+    row = dict(zip(lines[0].split(','), lines[-1].split(','), strict=True))
+    assert float(row['Bz_4']) == shipped.values[-1, 4, 2]

@@ -12,8 +12,16 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation.figures import STYLE, Plot, drift, hysteresis, standalone
-from tactile_ros.evaluation.metrics import Agreement, class_errors, target_errors
+from tactile_ros.evaluation import metrics
+from tactile_ros.evaluation.figures import (
+    STYLE,
+    Plot,
+    drift,
+    hysteresis,
+    sigma_calibration,
+    standalone,
+)
+from tactile_ros.evaluation.metrics import Agreement, ContactErrors, class_errors, target_errors
 from tactile_ros.evaluation.report import (
     Answer,
     Dataset,
@@ -208,6 +216,15 @@ def test_constant_force_has_no_drawing_and_no_headline() -> None:
     assert 'RMSE of normal force' not in words
 
 
+def test_the_covariance_drawing_shades_the_accepted_range() -> None:
+    target = answer_of('ridge', 1.0, 1).targets[0]
+    few = replace(target, groups=target.groups % 6, coverage=metrics.UNCOVERED)
+    (plot,) = sigma_calibration([few]).plots
+    for end in metrics.accepted(0.7, 6):
+        corner = float(plot.x(70.0)), float(plot.y(100 * end))
+        assert '{:.1f} {:.1f}'.format(*corner) in plot.__html__()
+
+
 def test_table_has_a_row_for_each_estimator_and_columns_with_values() -> None:
     result = result_of()
     (dataset,) = result.datasets
@@ -232,7 +249,11 @@ def test_table_has_a_row_for_each_estimator_and_columns_with_values() -> None:
 def test_report_fits_a_browser_without_complaints(
     framed: Callable[[str, int], Framed], width: int
 ) -> None:
-    seen = framed(render(result_of()), width)
+    (dataset,) = result_of().datasets
+    touched = np.arange(240) % 2 > 0
+    contact = ContactErrors(touched, touched.astype(int), np.ones(240), np.ones(240), np.zeros(3))
+    whole = tuple(replace(one, untared=one, contact=contact) for one in dataset.answers)
+    seen = framed(render(result_of(datasets=(replace(dataset, answers=whole),))), width)
     assert seen.wide == seen.window == width
     assert seen.plots >= 9
     assert width < 1200 or seen.cut == 0
