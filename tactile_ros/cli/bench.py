@@ -2,8 +2,8 @@
 """Compare with published figures and with peers, then time; write json.
 
 example:
-  tactile bench reskin
   tactile bench devices --quick
+  tactile bench reskin
   tactile bench fidelity --figures docs/images
   tactile bench all --jobs 2
   tactile bench roads --quick --json

@@ -5,7 +5,7 @@ Errors are those of held-out groups, as `tactile calibrate` printed them when th
 Fields of the config are listed where they are not the defaults.
 
 example:
-  tactile calibration show out/mine.npz
+  tactile calibration show out/place.npz
   tactile calibration show out/mine.npz --json
 """
 

@@ -7,9 +7,9 @@ compared with the first, in the frames that both estimate. A calibration that wa
 same recordings knows them: its errors there say little.
 
 example:
-  tactile compare a.npz b.npz --on spatial
+  tactile compare ridge grid_knn --sensor reskin_board --on spatial
+  tactile compare a.npz b.npz --on spatial --json
   tactile compare bags/place a.npz -o out/compared.html
-  tactile compare ridge grid_knn --sensor reskin_board --on spatial --json
 """
 
 from __future__ import annotations

@@ -433,7 +433,8 @@ class Session:
     def as_json(self) -> dict[str, object]:
         """State of the guide for the page."""
         guide, judge = self.guide, self.judge
-        error = f'held out: {judge.found}' if judge.found else judge.failure
+        checked = guide.preflight.problems if guide.preflight else ()
+        error = f'held out: {judge.found}' if judge.found else judge.failure or '; '.join(checked)
         return {
             'targets': [
                 [*np.nan_to_num(one.position[:2]).tolist(), int(count)]

@@ -2,11 +2,10 @@
 """Evaluate recordings against their truth, without ROS, and against the live run.
 
 example:
-  tactile replay bags/place --calibration place.npz
+  tactile replay spatial --calibration out/place.npz --report out/page.html
   tactile replay bags/* --calibration a.npz --calibration b.npz --save out/compared
   tactile replay bags/* --calibration a.npz --scheduler tcp://10.0.0.1:8786
   tactile replay bags/place --calibration place.npz --json
-  tactile replay spatial --calibration place.npz --report out/page.html
 """
 
 from __future__ import annotations

@@ -5,8 +5,8 @@ Without --port the only serial port of this machine is taken. Without --calibrat
 model of the sensor estimates, where it has one. `tactile view` shows what the nodes publish.
 
 example:
-  tactile run --sensor reskin_board --port /dev/ttyACM0 --calibration out/mine.npz
   tactile run --sensor gradiometer --simulated
+  tactile run --sensor reskin_board --port /dev/ttyACM0 --calibration out/mine.npz
   tactile run --hand allegro_v5 --calibrations out/fingers --mock-hand
 """
 

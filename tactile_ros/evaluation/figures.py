@@ -604,7 +604,7 @@ def sigma_calibration(targets: Sequence[metrics.TargetErrors]) -> Figure:
     plot = Plot((0, 100), (0, 100), 'stated (%)', 'found (%)',
                 description='Found against stated share of errors within k sigma')  # fmt: skip
     for groups in {target.coverage.groups for target in targets}:
-        low, high = np.transpose([metrics.accepted(share, groups) for share in expected])
+        low, high = np.transpose([metrics.coverage_range(share, groups) for share in expected])
         plot.band(100 * expected, 100 * low, 100 * high, 'band ink')
     for i, target in enumerate(targets[:4]):
         stated = target.variance > 0

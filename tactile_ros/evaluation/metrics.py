@@ -77,7 +77,7 @@ class Coverage:
         return self.low <= self.share <= self.high
 
 
-def accepted(share: float, groups: int) -> tuple[float, float]:
+def coverage_range(share: float, groups: int) -> tuple[float, float]:
     """Range of a share that is accepted: 5 points, or the 95 % binomial interval if wider."""
     below = bdtr(np.arange(groups + 1), groups, share)  # of a binomial distribution
     low, high = (float(end) / groups for end in np.searchsorted(below, (0.025, 0.975)))
@@ -99,7 +99,7 @@ def coverage(error: Array, variance: Array, groups: Integers, sigmas: int = 1) -
         return Coverage(float('nan'), aimed - TOLERANCE, aimed + TOLERANCE, 0, 0)
     inside = np.abs(error[kept]) <= sigmas * np.sqrt(variance[kept])
     number = len(np.unique(groups[kept]))
-    return Coverage(float(inside.mean()), *accepted(aimed, number), count, number)
+    return Coverage(float(inside.mean()), *coverage_range(aimed, number), count, number)
 
 
 def accuracy(said: Integers, true: Integers) -> float:

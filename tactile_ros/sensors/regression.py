@@ -55,6 +55,7 @@ ROUNDING = 1e-9  # of the largest reading: what moves less is a constant
 BLOCK = 1024  # rows whose history stays in the cache
 STORED, SAME = 13, 1e-9  # features of a touch; of the largest of them
 SOFT = 2.0  # width of a step, over the lightest load that counts
+CALM_TOUCHES = 0.005  # of held-out rows without a load; unseen runs may have twice as many
 BEYOND_CALM = 2.0  # of the largest change without a load: what changes more is a touch
 OUT_OF_RANGE = np.int64(FrameStatus.OUT_OF_RANGE)
 
@@ -321,17 +322,17 @@ class Touch:
     """Touch by a soft step of the load, which is regressed from the change and its history.
 
     A skin that creeps back deviates as much as a light touch; its fading means distinguish them.
-    Twice what was ever seen without a load is a touch in any case.
+    Features are in units of what they reach without a load, and grow with the logarithm beyond:
+    runs differ least in these. Twice what was ever seen without a load is a touch in any case.
     """
 
     step_: KernelRidge
-    calm_: Array  # (n,) largest change of the readings without a load (unit of x)
+    calm_: Array  # (d,) largest features without a load (unit of x)
+    level_: float  # step above which something touches
     stored_: Array  # (k, d + 1) a few features of the fit, and their step
     report_: dict[str, float]  # held-out shares of calm and of touched rows called touch
 
-    def fit(
-        self, x: Array, load: Array, groups: Integers, channels: int, floor: Bools
-    ) -> Touch | None:
+    def fit(self, x: Array, load: Array, groups: Integers, floor: Bools) -> Touch | None:
         """Learn from features (s, d), those of the readings first, and loads (s,) (N).
 
         None where held-out groups are judged no better than by the threshold, `floor` (s,).
@@ -341,44 +342,46 @@ class Touch:
         fold = group_folds(np.unique(groups, return_inverse=True)[1].reshape(-1), MOST_FOLDS, 0)
         if not fold.any():
             return None
-        touch = np.zeros(len(x), bool)
+        step = np.zeros(len(x))
         for held in (fold == part for part in range(fold.max() + 1)):
-            self._learn(x[~held], load[~held] / light, calm[~held], channels)
-            touch[held] = self.predict(x[held])
-        (false, found), (usual, least) = (
-            (float(one[calm].mean()), float(one[firm].mean())) for one in (touch, floor)
-        )
+            self._learn(x[~held], load[~held] / light, calm[~held])
+            step[held] = self._step(x[held])
+        self.level_ = float(np.quantile(step[calm], 1 - CALM_TOUCHES, method='higher'))
+        share = [float(x[r].mean()) for x in (step > self.level_, floor) for r in (calm, firm)]
+        false, found, usual, least = share
         if false - found >= usual - least:
             return None
         self.report_ = {
             'held_out_false': false, 'held_out_found': found,
             'threshold_false': usual, 'threshold_found': least,
         }  # fmt: skip
-        return self._learn(x, load / light, calm, channels)
+        return self._learn(x, load / light, calm)
 
-    def _learn(self, x: Array, load: Array, calm: Bools, channels: int) -> Touch:
+    def _learn(self, x: Array, load: Array, calm: Bools) -> Touch:
         """Learn from loads (s,) over the lightest that counts."""
-        self.calm_ = np.abs(x[calm, :channels]).max(axis=0, initial=0.0)
-        self.step_ = KernelRidge(length=0.4, linear=1.0, strengths=(1e-6,))
-        self.step_.fit(x, np.tanh(load / SOFT)[:, None])
+        self.calm_ = np.abs(x[calm]).max(axis=0, initial=1e-150)
+        self.step_ = KernelRidge(length=0.8, linear=1.0, strengths=(1e-4,))
+        self.step_.fit(np.arcsinh(x / self.calm_), np.tanh(load / SOFT)[:, None])
         few = x[np.linspace(0, len(x) - 1, STORED).astype(np.int64)]
-        self.stored_ = np.column_stack([few, self.step_.predict(few)])
+        self.stored_ = np.column_stack([few, self._step(few)])
         return self
+
+    def _step(self, x: Array) -> Array:
+        return np.asarray(self.step_.predict(np.arcsinh(x / self.calm_))[:, 0])
 
     def refuse_damage(self) -> None:
         """Raise ValueError where stored features have another step, or a limit is not finite."""
-        step = self.step_.predict(self.stored_[:, :-1])[:, 0]
-        off = np.abs(step - self.stored_[:, -1])
-        if not (
-            np.isfinite(self.calm_).all() and (off <= SAME * np.abs(self.stored_).max()).all()
-        ):
+        off = np.abs(self._step(self.stored_[:, :-1]) - self.stored_[:, -1])
+        limits = np.append(self.calm_, self.level_)
+        if not (np.isfinite(limits).all() and (off <= SAME * np.abs(self.stored_).max()).all()):
             msg = 'its touch is not that of the fit'
             raise ValueError(msg)
 
     def predict(self, x: Array) -> Bools:
         """Touch (s,) of features (s, d)."""
-        beyond = np.abs(x[:, : len(self.calm_)]) > BEYOND_CALM * self.calm_
-        return beyond.any(axis=1) | (self.step_.predict(x)[:, 0] > math.tanh(1 / SOFT))
+        now = slice(x.shape[1] // (1 + len(TIME_CONSTANTS)))
+        beyond = np.abs(x[:, now]) > BEYOND_CALM * self.calm_[now]
+        return beyond.any(axis=1) | (self._step(x) > self.level_)
 
 
 class Regression(Estimation):
@@ -484,7 +487,7 @@ class Regression(Estimation):
         calm = load[rows] <= CALM * load[rows].max(initial=0.0)
         if min(calm.sum(), (~calm).sum()) >= FEWEST_ROWS:
             floor = signals.in_contact[rows] == 1
-            self.touch_ = Touch().fit(x[rows], load[rows], group[rows], self.width, floor)
+            self.touch_ = Touch().fit(x[rows], load[rows], group[rows], floor)
 
     def _fit_classes(self, signals: Signals, truth: Columns, group: Integers) -> None:
         """Learn votes for cells and labels, and slip, where enough rows have them."""

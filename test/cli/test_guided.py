@@ -63,6 +63,7 @@ def test_live_goes_on_after_an_interrupt_and_writes_everything(
     assert 'error on places held out: place' in printed.err
     assert 'force_xyz' in printed.out
     (told,) = seen
+    assert 'uniform field at rest' in str(told['error'])
     assert [one[2] for one in told['targets']] == [1, 1, 0, 0, 0, 0]  # type: ignore[attr-defined]
     pipeline = open_calibration('my.npz')
     assert {'position', 'force'} <= pipeline.estimators.keys()

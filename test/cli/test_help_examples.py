@@ -108,7 +108,7 @@ def place(tmp_path_factory: pytest.TempPathFactory, taught_skin: Path) -> Path:
     pipeline = spec.pipeline(estimator='ridge').fit(spatial.select(slice(0, 800)))
     (folder / 'out/demo/reskin_board/calibrations').mkdir(parents=True)
     shown = 'out/demo/reskin_board/calibrations/place'
-    for name in ('place', shown, 'a', 'b', 'out/mine', 'out/other'):
+    for name in ('place', shown, 'a', 'b', 'out/mine', 'out/other', 'out/place'):
         pipeline.save(folder / f'{name}.npz')
     write_bags(folder, spatial.select(slice(800, None)), pipeline)
     skin = enrolled_skin.SPEC.load(taught_skin)

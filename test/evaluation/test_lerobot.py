@@ -15,6 +15,7 @@ from tactile_ros.evaluation.lerobot import pooled, statistics, write_dataset
 from tactile_ros.evaluation.recording_files import load
 
 NO_ARROW = 'pyarrow is not installed: pip install pyarrow'
+NO_LEROBOT = 'lerobot, which needs torch, is not installed: pip install lerobot'
 START_NS = 1_000_000_000
 DATA = 'data/chunk-000/file-000.parquet'
 
@@ -52,6 +53,23 @@ def test_every_frame_is_new_in_one_window_and_keeps_its_stamp(
         np.testing.assert_array_equal(kept, stored.recording.stamp_ns)
     assert table['index'].tolist() == list(range(26))
     np.testing.assert_allclose(table['timestamp'][:3], [0, 1 / 30, 2 / 30], atol=1e-6)
+
+
+@pytest.mark.filterwarnings('ignore')
+def test_the_lerobot_package_reads_every_frame(tmp_path: Path) -> None:
+    """Of a job of its own, where torch is wanted: `pip install lerobot`."""
+    real = pytest.importorskip('lerobot.datasets.lerobot_dataset', reason=NO_LEROBOT)
+    bags = [make.write_bag(tmp_path / name, n=n) for name, n in (('one', 50), ('two', 31))]
+    write_dataset(bags, tmp_path / 'out', 30, 'press it', [])
+    dataset = real.LeRobotDataset('made/here', root=tmp_path / 'out')
+    assert (dataset.num_episodes, dataset.num_frames) == (2, len(dataset))
+    assert dataset[0]['task'] == 'press it'
+    frames = [dataset[row] for row in range(len(dataset))]
+    new = [int(one['tactile.sensor.new']) for one in frames]
+    windows = [one['observation.tactile.sensor'].numpy() for one in frames]
+    found = np.concatenate([part[-n:] for part, n in zip(windows, new, strict=True) if n])
+    values = [load(bag).recordings[0].recording.values for bag in bags]
+    np.testing.assert_array_equal(found, np.concatenate(values).astype(np.float32))
 
 
 def test_the_description_is_that_of_the_format(tmp_path: Path, parquet: SimpleNamespace) -> None:

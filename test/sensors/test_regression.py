@@ -219,7 +219,7 @@ def test_touch_is_learned_only_where_it_beats_the_threshold(informed: bool) -> N
     x = shown[:, None] + rng.normal(0, 0.05, (300, 2))
     touched = load > 0
     floor = rng.permutation(touched) if informed else touched
-    found = Touch().fit(x, load, np.repeat(np.arange(10), 30), 2, floor)
+    found = Touch().fit(x, load, np.repeat(np.arange(10), 30), floor)
     assert (found is not None) == informed
     if found is not None:
         assert found.report_['held_out_found'] > 0.95 > found.report_['threshold_found']
