@@ -116,7 +116,12 @@ def run(options: argparse.Namespace) -> int:
             grasps = bench.load('worlds.grasp_scenes', '`tactile demo grasp`')
             return int(grasps.run_grasps(output, options.seed, options.json))
         if spec.key == SENSOR:
-            result = run_recordings(made, options.seed, say)
+            chosen = parts(options.seed)
+            datasets, fitted = measure(chosen, made, say), made / 'calibrations'
+            best = {one.name: spec.load(fitted / f'{one.name}.npz') for one in chosen}
+            title = 'A real recording through the real graph'
+            command = f'tactile demo --seed {options.seed}'
+            result = Result(title, command, provenance(best, best), datasets, NOTES)
             shown = result.sentences
         else:
             result, shown = run_twin(spec, made, options.seed, say)
@@ -166,15 +171,6 @@ def results(output: Path, *, overwrite: bool) -> Iterator[Path]:
 def _remove_empty(folder: Path) -> None:
     if not any(folder.iterdir()):
         folder.rmdir()
-
-
-def run_recordings(output: Path, seed: int, say: Say) -> Result:
-    """Calibrate on parts of real recordings, play the others."""
-    chosen = parts(seed)
-    datasets, fitted = measure(chosen, output, say), output / 'calibrations'
-    best = {one.name: load_sensor(SENSOR).load(fitted / f'{one.name}.npz') for one in chosen}
-    title, command = 'A real recording through the real graph', f'tactile demo --seed {seed}'
-    return Result(title, command, provenance(best, best), datasets, NOTES)
 
 
 def parts(seed: int) -> list[Part]:

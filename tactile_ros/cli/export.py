@@ -49,19 +49,14 @@ def rate(text: str) -> int:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `tactile export`."""
-    parser.add_argument(
-        'bags', nargs='+', type=Path, help='bags (folders, .mcap, .db3), or shipped names'
-    )
+    parser.add_argument('bags', nargs='+', type=Path, help='bags, or shipped names')
     form = parser.add_mutually_exclusive_group(required=True)
     form.add_argument('--csv', type=Path, metavar='OUT', help='new folder of csv tables')
     form.add_argument('--parquet', type=Path, metavar='OUT', help='new folder of parquet tables')
     form.add_argument('--lerobot', type=Path, metavar='OUT', help='new folder of the data set')
     parser.add_argument('--fps', type=rate, default=30, help='frames a second of the data set')
     parser.add_argument('--task', default='touch', help='what the hand does, in words')
-    parser.add_argument(
-        '--calibration', type=Path, action='append', default=[],
-        help='calibration that gives newtons of every taxel',
-    )  # fmt: skip
+    parser.add_argument('--calibration', type=Path, action='append', default=[], help='for forces')
     parser.add_argument('--json', action='store_true', help='print the table as JSON')
 
 

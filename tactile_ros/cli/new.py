@@ -53,7 +53,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Write the file and say what comes next."""
-    refuse_key(options.key)
+    key = options.key
+    if not KEY.fullmatch(key) or keyword.iskeyword(key) or len(key) > LONGEST_KEY:
+        msg = f'KEY must be a name such as my_pad, at most {LONGEST_KEY} letters and digits'
+        raise ValueError(f'{msg}; received {key!r}')
+    taken = [*list_sensors(), *ALIASES]
+    if key in taken or importlib.util.find_spec(f'tactile_ros.sensors.{key}'):
+        raise ValueError(f'KEY must be a new name, none of {", ".join(taken)}; received {key!r}')
     place = options.folder / options.key
     if os.path.lexists(place):
         raise TactileError(f'{place} exists already; nothing is written over: name another KEY')
@@ -69,16 +75,6 @@ def run(options: argparse.Namespace) -> int:
     print(f'  tactile view --sensor {options.key}')
     print(f'  tactile doctor --sensor {options.key} --port /dev/ttyACM0')
     return 0
-
-
-def refuse_key(key: str) -> None:
-    """Raise ValueError if a key is no name in small letters, or one that is taken."""
-    if not KEY.fullmatch(key) or keyword.iskeyword(key) or len(key) > LONGEST_KEY:
-        msg = f'KEY must be a name such as my_pad, at most {LONGEST_KEY} letters and digits'
-        raise ValueError(f'{msg}; received {key!r}')
-    taken = [*list_sensors(), *ALIASES]
-    if key in taken or importlib.util.find_spec(f'tactile_ros.sensors.{key}'):
-        raise ValueError(f'KEY must be a new name, none of {", ".join(taken)}; received {key!r}')
 
 
 def sensor(key: str, rows: int, columns: int, *, lines: bool) -> str:

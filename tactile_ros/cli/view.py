@@ -120,11 +120,18 @@ def load_shown(options: argparse.Namespace) -> Show:
             found = load(Path(options.recording), layout).recordings
         return partial(show_recordings, options, found, calibration)
     try:
-        import tactile_ros.nodes.viewer_node  # noqa: F401
+        from tactile_ros.nodes.viewer_node import ViewerNode
     except ImportError as error:
         msg = 'topics need ROS 2; name a recording or --sensor, or set up with make'
         raise MissingPackageError(msg) from error
-    return partial(show_topics, options)
+
+    def show_topics(viewer: PageServer | Viewer) -> None:
+        node = ViewerNode(options.namespace or (), viewer.show, viewer.grip)
+        if isinstance(viewer, PageServer):
+            viewer.tare = node.tare
+        node.run(options.seconds)
+
+    return show_topics
 
 
 def open_viewer(options: argparse.Namespace) -> PageServer | Viewer:
@@ -142,16 +149,6 @@ def open_viewer(options: argparse.Namespace) -> PageServer | Viewer:
     if screen and not options.no_open:
         threading.Thread(target=webbrowser.open, args=(page.address,), daemon=True).start()
     return page
-
-
-def show_topics(options: argparse.Namespace, viewer: PageServer | Viewer) -> None:
-    """Show the topics of running nodes."""
-    from tactile_ros.nodes.viewer_node import ViewerNode
-
-    node = ViewerNode(options.namespace or (), viewer.show, viewer.grip)
-    if isinstance(viewer, PageServer):
-        viewer.tare = node.tare
-    node.run(options.seconds)
 
 
 class LivePipeline:

@@ -267,7 +267,9 @@ def read_contacts(
         return all(columns[name].shape[1] in (0, taxels) for name in TAXELS)
 
     def convert(columns: Columns) -> Columns:
-        count, ids = len(columns['sequence']), _patch_ids(columns)
+        listed = [columns[name] for name in columns if re.fullmatch(r'contacts\.\d+\.id', name)]
+        count = len(columns['sequence'])
+        ids = np.array(listed, np.int64).reshape(len(listed), count).T
         patches = max(1, int((ids >= 0).sum(axis=1).max(initial=0)))
         arrays: Columns = {'stamp_ns': stamps_of(columns)}
         for name in ('sequence', 'session', 'repetition'):
@@ -290,12 +292,6 @@ def _state_values(columns: Columns, name: str) -> npt.NDArray[np.generic]:
     if block := WRENCH_BLOCKS.get(name):
         return columns[FIELD_NAMES[name]].reshape(-1, 6, 6)[:, block, block]
     return columns.get(name, np.zeros(0))
-
-
-def _patch_ids(columns: Columns) -> Integers:
-    ids = [columns[name] for name in columns if re.fullmatch(r'contacts\.\d+\.id', name)]
-    count = len(columns['sequence'])
-    return np.stack(ids, axis=1).astype(np.int64) if ids else np.zeros((count, 0), np.int64)
 
 
 def _fill_patches(arrays: Columns, columns: Columns, ids: Integers) -> None:

@@ -158,7 +158,11 @@ class Evaluation:
             whole = replace(whole, recording=replace(whole.recording, tare=tare))
         recording = whole.recording
         delay = np.concatenate(self._latency)
-        apart = metrics.clock_problems(len(delay), int((delay < 0).sum()))
+        ahead = int((delay < 0).sum())
+        apart = (
+            f'no latency: {ahead} of {len(delay)} contacts were received before the stamps of '
+            'their frames, whose clock is not the recorder’s',
+        ) * (ahead > metrics.MOST_AHEAD * len(delay))
         answers: list[Answer] = []
         blind: list[str] = []
         for name, collected in self._answers.items():

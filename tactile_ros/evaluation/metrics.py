@@ -380,16 +380,6 @@ def frames_dropped(sequence: Integers | None, restarts: Bools) -> int:
     return int(np.maximum((np.diff(sequence) - 1)[~restarts[1:]], 0).sum())
 
 
-def clock_problems(count: int, ahead: int) -> tuple[str, ...]:
-    """Sentence where many of the contacts were received before the stamps of their frames."""
-    if ahead <= MOST_AHEAD * count:
-        return ()
-    return (
-        f'no latency: {ahead} of {count} contacts were received before the stamps of their '
-        'frames, whose clock is not the recorder’s',
-    )
-
-
 @dataclass(frozen=True)
 class Agreement:
     """Replay against the contacts of the live run."""

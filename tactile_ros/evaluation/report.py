@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from importlib import metadata
-from itertools import chain, product
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -300,13 +300,13 @@ CELLS: dict[str, Callable[[Dataset, Answer], Cell]] = {
     'place, untared (mm)': lambda _, a: _place(a.untared, 'mean'),
     'p50': lambda _, a: _place(a, 'p50'),
     'p95': lambda _, a: _place(a, 'p95'),
+    'place in 1 sigma (%)': lambda _, a: _covered(a, 'position'),
+    'named rightly (%)': lambda _, a: next((c.right for c in a.confusion_errors), None),
     'normal RMSE (N)': lambda _, a: _rms(a, 'force_z'),
     'normal, untared (N)': lambda _, a: _rms(a.untared, 'force_z'),
     'shear RMSE (N)': lambda _, a: _rms(a, 'force_x', 'force_y'),
     'shear, untared (N)': lambda _, a: _rms(a.untared, 'force_x', 'force_y'),
-    'place in 1 sigma (%)': lambda _, a: _covered(a, 'position'),
     'force in 1 sigma (%)': lambda _, a: _covered(a, 'force'),
-    'named rightly (%)': lambda _, a: next((c.right for c in a.confusion_errors), None),
     'contact right (%)': lambda _, a: _right(a, 'in_contact'),
     'cell right (%)': lambda _, a: _right(a, 'cell'),
     'label right (%)': lambda _, a: _right(a, 'label'),
@@ -319,18 +319,11 @@ CELLS: dict[str, Callable[[Dataset, Answer], Cell]] = {
     'us/frame': lambda _, a: a.us_single,
     'us/frame batch': lambda _, a: a.us_batch,
 }
-NAMES = ('recording', 'estimator')
-ON_PAGES = {  # tables that no page is too narrow for
-    'Contact and place': (
-        'false contacts (%)', 'contacts found (%)', 'place mean (mm)', 'place, untared (mm)',
-        'p50', 'p95', 'place in 1 sigma (%)', 'named rightly (%)',
-    ),
-    'Force': (
-        'normal RMSE (N)', 'normal, untared (N)', 'shear RMSE (N)', 'shear, untared (N)',
-        'force in 1 sigma (%)',
-    ),
-    'Time and loss': ('groups', 'latency p50 (ms)', 'p99 (ms)', 'dropped', 'us/frame'),
-}  # fmt: skip
+ON_PAGES = [name for name in CELLS if name not in (
+    'calibration', 'contact right (%)', 'cell right (%)', 'label right (%)', 'slip right (%)',
+    'frames', 'us/frame batch',
+)]  # fmt: skip
+ACROSS = 8  # figures of a table that no page is too narrow for
 
 
 def rows_of(
@@ -344,7 +337,7 @@ def rows_of(
 
 def table(result: Result) -> tuple[list[str], list[list[Cell]]]:
     """Summary of a report."""
-    return rows_of(result.datasets, [*NAMES, *chain(*ON_PAGES.values())])
+    return rows_of(result.datasets, ON_PAGES)
 
 
 def _is_measured(cell: Cell) -> bool:
@@ -468,19 +461,20 @@ def render_page(template: Path, **values: object) -> str:
 def render(result: Result) -> str:
     """HTML of the whole report."""
     tables = []
-    for title, names in ON_PAGES.items():
-        columns, rows = rows_of(result.datasets, [*NAMES, *names])
-        rows = [row for row in rows if any(map(_is_measured, row[len(NAMES) :]))]
+    for first in range(2, len(ON_PAGES), ACROSS):
+        names = ON_PAGES[:2] + ON_PAGES[first : first + ACROSS]
+        columns, rows = rows_of(result.datasets, names)
+        rows = [row for row in rows if any(map(_is_measured, row[2:]))]
         best = _best(columns, rows)
         cells = [
             [
-                (figure_text(cell), 'words' if i < len(NAMES) else 'best' * ((n, i) in best))
+                (figure_text(cell), 'words' if i < 2 else 'best' * ((n, i) in best))
                 for i, cell in enumerate(row)
             ]
             for n, row in enumerate(rows)
         ]
         if rows:
-            tables.append((title, columns, cells))
+            tables.append((columns, cells))
     colours = colours_of(result)
     sections = [
         {

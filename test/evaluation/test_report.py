@@ -12,15 +12,8 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from tactile_ros.evaluation import metrics
-from tactile_ros.evaluation.figures import (
-    STYLE,
-    Plot,
-    drift,
-    hysteresis,
-    sigma_calibration,
-    standalone,
-)
+from tactile_ros.evaluation import figures, metrics
+from tactile_ros.evaluation.figures import STYLE, Plot, drift, hysteresis, standalone
 from tactile_ros.evaluation.metrics import Agreement, ContactErrors, class_errors, target_errors
 from tactile_ros.evaluation.report import (
     Answer,
@@ -219,7 +212,7 @@ def test_constant_force_has_no_drawing_and_no_headline() -> None:
 def test_the_covariance_drawing_shades_the_accepted_range() -> None:
     target = answer_of('ridge', 1.0, 1).targets[0]
     few = replace(target, groups=target.groups % 6, coverage=metrics.UNCOVERED)
-    (plot,) = sigma_calibration([few]).plots
+    (plot,) = figures.sigma_calibration([few]).plots
     for end in metrics.coverage_range(0.7, 6):
         corner = float(plot.x(70.0)), float(plot.y(100 * end))
         assert '{:.1f} {:.1f}'.format(*corner) in plot.__html__()

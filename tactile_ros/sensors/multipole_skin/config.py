@@ -33,12 +33,9 @@ CORNERS = 4e-3 * np.array([[-1, 1], [1, 1], [-1, -1], [1, -1]], float)
 PEDESTAL = 1e-3
 PACKAGE = 0.5e-3  # Hall elements below the face of their package
 GAIN_5 = (16.4e-3, 16.4e-3, 26.4e-3)  # range of the chips at gain 1.67x, resolution 1
-
-
-def chip_positions() -> Array:
-    """Twenty chips, shape (20, 3) (m): cluster by cluster, the middle one first."""
-    plane = (CLUSTERS[:, None] + CORNERS).reshape(-1, 2)
-    return np.column_stack([plane, np.full(len(plane), -PEDESTAL - PACKAGE)])
+# cluster by cluster, the middle one first
+CHIPS = np.pad((CLUSTERS[:, None] + CORNERS).reshape(-1, 2), ((0, 0), (0, 1)))
+CHIPS[:, 2] = -PEDESTAL - PACKAGE
 
 
 def regular(name: str, corners: int, radius: float, turn: float = 0.0) -> Outline:
@@ -81,7 +78,7 @@ class MultipoleSkinConfig:
     index in `objects`.
     """
 
-    positions: Array = array(chip_positions(), 'Hall elements of the chips', 'm', (-1, 3))
+    positions: Array = array(CHIPS, 'Hall elements of the chips', 'm', (-1, 3))
     rotations: Array | None = maybe_array('chip to sensor axes; empty: aligned', '1', ('t', 3, 3))
     saturation: float | Array | None = each_channel(GAIN_5, 'range of the chips', 'T')
     noise: float | Array | None = each_channel(None, 'noise; empty: estimated from rest', 'T')
