@@ -33,7 +33,7 @@ SOURCED := AMENT_PREFIX_PATH COLCON_PREFIX_PATH CMAKE_PREFIX_PATH PYTHONPATH PYT
   ROS_ETC_DIR VIRTUAL_ENV _ROS_WHEELS_BOOTSTRAP_COMPLETE
 ALONE := env $(addprefix -u ,$(SOURCED))
 
-.PHONY: help setup setup-tests demo test test-oldest lint bench bench-check docs lines words lock clean
+.PHONY: help setup setup-tests demo test test-oldest test-lerobot lint bench bench-check docs lines words lock clean
 
 help:
 	@sed -n '1,5s/^# //p' Makefile
@@ -87,9 +87,15 @@ test-oldest:
 	@$(OLDEST) $(CONFIGURE) --oldest
 	@$(ALONE) .venv-oldest/bin/python -m pytest -m 'not ros' $(ARGUMENTS)
 
+# The data set of `tactile export` as lerobot reads it, in an environment of its own with torch.
+test-lerobot:
+	@$(PYTHON) -m venv .venv-lerobot
+	@$(ALONE) .venv-lerobot/bin/pip install -q lerobot lz4 mcap numba rosbags scipy zstandard hypothesis pytest
+	@$(ALONE) .venv-lerobot/bin/python -m pytest test/evaluation/test_lerobot.py
+
 # After an edit of bootstrap/locks/*.in; needs uv in the Python that runs it.
 lock:
 	$(PYTHON) bootstrap/lock.py
 
 clean:
-	rm -rf .venv .venv-oldest build install log out
+	rm -rf .venv .venv-oldest .venv-lerobot build install log out
