@@ -233,13 +233,9 @@ class Pipeline:
         return *self._readings(values, status, self.rest_.dead), chips
 
     def _follow(
-        self,
-        usable: Array,
-        bits: Bytes,
-        chips: Array | None,
-        stamp_ns: Integers | None,
+        self, usable: Array, bits: Bytes, chips: Array | None, stamp_ns: Integers | None,
         fails: bool = False,
-    ) -> Columns:
+    ) -> Columns:  # fmt: skip
         """State attributes of the next frames of the stream, a new one if time went back."""
         if self.stream.is_over(stamp_ns):
             self.reset()
@@ -251,9 +247,8 @@ class Pipeline:
     def _condition_rows(self, recording: Recording, usable: Array, bits: Bytes) -> Signals:
         """Conditioned frames of a recording."""
         chips, rest = recording.temperature_c, self.rest_
-        followed = stream_baselines(
-            recording, rest.with_temperature(usable, chips), self._tracker(), rest.dead
-        )
+        beside = rest.with_temperature(usable, chips)
+        followed = stream_baselines(recording, beside, self._tracker(), rest.dead)
         signals = self._condition(usable, bits, chips, recording.stamp_ns, followed)
         return replace(signals, begins=recording.restarts, tare=recording.tare)
 
@@ -398,9 +393,12 @@ class Pipeline:
         )  # fmt: skip
         self.tare_frames = 0
         signals = self._whole_rows(joined, usable, bits)
-        touched = signals.delta[signals.good & touched_rows(joined)]
-        firm = signals.delta[signals.good & firm_rows(joined)]
-        calm = signals.delta[signals.good & calm_rows(joined)]
+        kinds = (touched_rows, firm_rows, calm_rows)
+        touched, firm, calm = (signals.delta[signals.good & rows(joined)] for rows in kinds)
+        if joined.tare is not None:  # what is left of a touch when the next tare comes is none
+            again = np.flatnonzero(np.diff(joined.tare * 1) > 0) + 1
+            left = usable[again] - signals.baseline[again - 1]
+            calm = np.concatenate([calm, left[~joined.restarts[again]]])
         self.rest_ = self.rest_.threshold(touched, firm, dead, calm)
         # once more with the threshold of contact: the baseline moves as it will in use
         signals = self._whole_rows(joined, usable, bits)

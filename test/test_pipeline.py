@@ -560,6 +560,17 @@ def test_a_tare_ends_the_touch() -> None:
 # ---------------------------------------------------------------- fit
 
 
+def test_fit_takes_what_a_touch_leaves_until_the_next_tare_for_rest() -> None:
+    touched = np.arange(60) % 2 > 0
+    level = 0.45 * np.repeat(np.arange(30), 2) + touched
+    place = np.where(touched[:, None], 0.0, np.full((60, 3), np.nan))
+    values, truth = REST + level[:, None, None], {'position': place}
+    pipeline = toy().fit(Recording.from_arrays(LAYOUT, values, tare=~touched, truth=truth))
+    pipeline.tare([frame(REST)])
+    assert pipeline.process(frame(REST + 0.44)).in_contact == 0
+    assert pipeline.process(frame(REST + 1.0)).in_contact == 1
+
+
 def test_fit_returns_itself_and_learns() -> None:
     pipeline = toy()
     assert pipeline.fit(lessons()) is pipeline
