@@ -291,7 +291,7 @@ class Pipeline:
         if not len(bits):
             return {}
         known, failed = self._answers(signals, stream, strict, fails)
-        contact, restart = known['in_contact'].astype(np.int8), signals.restart
+        contact, restart = known['in_contact'].astype(np.int8, copy=False), signals.restart
         if np.count_nonzero(failed):
             restart = restart | np.append(False, failed[:-1])
             if failed[-1]:
@@ -364,7 +364,7 @@ class Pipeline:
         """
         missing = faults.NOT_CALIBRATED * (not self.calibrated)
         missing |= faults.NO_BASELINE * (not self.rest_.tared)
-        found, own, usable = (known.get(name) for name in ('taxel_status', 'status', 'valid'))
+        found, own, usable = known.get('taxel_status'), known.get('status'), known.get('valid')
         flags = np.zeros(len(bits), np.int64) if own is None else own.astype(np.int64)
         if missing:
             flags |= missing

@@ -3,16 +3,20 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import betaln
 
-from tactile_ros.physics.temperature import plausible_temperature
+from tactile_ros.physics.compiled import compiled, inlined
+from tactile_ros.physics.temperature import blank_implausible
 from tactile_ros.types import Array, Bools, Bytes, TaxelStatus
 
 LEAST_VOTES = 100  # readings
+RUN, RUNS, REPEATS, CHANGED = range(4)  # counts of a taxel: repeats in this run, earlier runs
+STALE, STUCK, DEAD = (int(TaxelStatus[name]) for name in ('STALE', 'STUCK', 'DEAD'))
+ALL = np.empty(0, bool)
 STUCK_AFTER = 10  # identical readings in a row
 UNCHANGED = 1000  # readings since the start: the noise of no chip hides for so long
 FALSE_ALARM = 1e-6  # probability with which noise alone makes such a run, of all taxels together
@@ -22,9 +26,8 @@ JUMP = 0.5  # of the range: the largest change from one reading to the next that
 
 def measured_temperature(chips: Array) -> tuple[Array, int]:
     """Plausible temperatures (..., t), and how many frames have none, though chips sent some."""
-    found = plausible_temperature(chips)
-    refused = np.isnan(found).all(axis=-1) & ~np.isnan(chips).all(axis=-1)
-    return found, int(np.count_nonzero(refused))
+    found = np.array(chips, np.float64, order='C')
+    return found, int(blank_implausible(found.reshape(-1, found.shape[-1])))
 
 
 class StuckDetector:
@@ -34,7 +37,8 @@ class StuckDetector:
     less probable than `FALSE_ALARM`, and the taxel stuck where these are `STUCK_AFTER` or more. A
     repeat counts only where at least the share `others` of all taxels changed; a taxel that has
     not changed `least_changes` times yet may rest since the start, and where that is 0, it is
-    stuck after `UNCHANGED`. Runs of stuck taxels are not learnt.
+    stuck after `UNCHANGED`. Runs of stuck taxels are not learnt. With `whole` the board is judged
+    so too, in which what was not read repeats itself, and is DEAD where all readings are 0.
 
     Notes
     -----
@@ -43,79 +47,114 @@ class StuckDetector:
     repeat, since a taxel that rests between touches has few long runs.
     """
 
-    def __init__(self, taxels: int, others: float = 0.0, least_changes: int = 0) -> None:
-        self._log_chance = np.log(FALSE_ALARM / taxels)
-        self._others = others * taxels
-        self._least_changes = least_changes
-        self._readings: npt.NDArray[Any] | None = None
-        self._run = np.zeros(taxels)
-        self._runs = np.zeros(taxels)
-        self._repeats = np.zeros(taxels)
-        self._changed = np.zeros(taxels)
+    def __init__(
+        self, taxels: int, others: float = 0.0, least_changes: int = 0, whole: bool = False
+    ) -> None:
+        self._limits = np.array([np.log(FALSE_ALARM / taxels), others * taxels, least_changes])
+        self._counts, self._board = np.zeros((taxels, 4)), np.zeros((int(whole), 4))
+        self._counts[:, CHANGED] = self._board[:, CHANGED] = -1.0  # the first is no change
+        self._last = np.empty((0, 0))  # readings as float64, which all counts fit
+        self._follow(np.empty((0, taxels, 1)), ALL, ALL)  # no frame waits for a compiler
 
     def forget(self, taxels: Bools | slice = slice(None)) -> None:
-        """Begin the runs of these taxels anew."""
-        self._run[taxels] = 0
+        """Begin the runs of these taxels, and of the board, anew."""
+        self._counts[taxels, RUN] = self._board[:, RUN] = 0
 
     def follow(
-        self, readings: npt.NDArray[Any], measured: Bools | None = None, informative: bool = True
+        self, readings: npt.NDArray[Any], measured: Bools = ALL, informative: bool = True
     ) -> Bools:
         """Take the next readings (t, c), as sent; the taxels (t,) that repeat their last one.
 
-        Only taxels `measured` (t,) were read; None: all. At the ends of the range a repeat is not
+        Only taxels `measured` (t,) were read; empty: all. At the ends of the range a repeat is not
         `informative` and does not count.
         """
-        if self._readings is None:
-            self._readings = readings.copy()
-            return np.zeros(len(readings), bool)
-        same: Bools = (readings == self._readings).all(axis=1)
-        if measured is None and not np.count_nonzero(same) and not np.count_nonzero(self._run):
-            self._changed += 1.0  # as usual
-            self._readings[:] = readings
-            return same
-        changed = ~same
-        if measured is not None:
-            same &= measured
-            changed &= measured
-        if self._run.any():
-            honest = changed & ~self.stuck()
-            self._repeats[honest] += self._run[honest]
-            self._runs[honest] += self._run[honest] > 0
-            self._run[changed] = 0
-        self._changed += changed
-        if informative and np.count_nonzero(changed) >= self._others:
-            self._run += same
-        self._readings[changed] = readings[changed]
+        same: Bools = self._follow(readings[None], measured, np.array([informative]))[0][0]
         return same
 
-    def follow_frames(self, readings: Array, informative: Bools | None = None) -> Bytes:
+    def follow_frames(self, readings: Array, informative: Bools = ALL) -> Bytes:
         """Bits of `TaxelStatus`, shape (s, t), of readings (s, t, c); `informative` (s,)."""
-        status = np.zeros(readings.shape[:2], np.uint8)
-        for i, frame in enumerate(readings):
-            if self.follow(frame, None, informative is None or bool(informative[i])).any():
-                status[i] = self.status()
-        return status
+        return self._follow(readings, ALL, informative)[1]
+
+    def _follow(self, readings: Array, measured: Bools, informative: Bools) -> tuple[Bools, Bytes]:
+        """Repeats and bits (s, t) of the next readings (s, t, c)."""
+        now = np.array(readings, np.float64, order='C')
+        same, status = np.zeros(now.shape[:2], bool), np.zeros(now.shape[:2], np.uint8)
+        if self._last.shape != now.shape[1:]:
+            self._last = np.full(now.shape[1:], np.nan)
+        _follow_rows(
+            now, measured, informative, self._limits, self._last, self._counts, self._board, same,
+            status,
+        )  # fmt: skip
+        return same, status
 
     def status(self) -> Bytes:
         """Bits of `TaxelStatus`, shape (t,): STALE and STUCK."""
-        stale = self._unlikely()
-        stuck = (stale & (self._run + 1 >= STUCK_AFTER)) * np.uint8(TaxelStatus.STUCK)
-        return np.asarray(stale * np.uint8(TaxelStatus.STALE) | stuck, np.uint8)
+        return np.array([_bits(one, self._limits) for one in self._counts], np.uint8)
 
     def stuck(self) -> Bools:
         """Taxels, shape (t,), whose run of repeats is longer than their own noise explains."""
-        return (self.status() & TaxelStatus.STUCK) > 0
+        return (self.status() & STUCK) > 0
 
-    def _unlikely(self) -> Bools:
-        """Taxels whose run is less probable than that."""
-        repeats, changes = self._repeats + 0.5, self._changed + 0.5
-        again = self._repeats - self._runs + repeats / (repeats + changes)
-        log = np.maximum(
-            betaln(repeats + self._run, changes) - betaln(repeats, changes),
-            self._run * np.log(again / (self._repeats + 1)),
-        )
-        unlikely = (log < self._log_chance) | ((self._changed == 0) & (self._run >= UNCHANGED))
-        return np.asarray(unlikely & (self._changed >= self._least_changes), np.bool_)
+
+@inlined
+def _bits(counts: Array, limits: Array) -> int:
+    """STALE where a run of repeats is less probable than a false alarm, STUCK if it is long."""
+    run, changed = counts[RUN], counts[CHANGED]
+    if run == 0.0 or changed < limits[2]:
+        return 0
+    repeats, changes = counts[REPEATS] + 0.5, changed + 0.5
+    again = counts[REPEATS] - counts[RUNS] + repeats / (repeats + changes)
+    # beta-binomial: B(repeats + run, changes) / B(repeats, changes)
+    log = math.lgamma(repeats + run) - math.lgamma(repeats + run + changes)
+    log += math.lgamma(repeats + changes) - math.lgamma(repeats)
+    log = max(log, run * math.log(again / (counts[REPEATS] + 1)))
+    if log >= limits[0] and (changed > 0 or run < UNCHANGED):
+        return 0
+    return STALE | STUCK if run + 1 >= STUCK_AFTER else STALE
+
+
+@inlined
+def _count(same: bool, counts: Array, limits: Array) -> int:
+    """Count a change, or the end of a run, of a taxel; 1 where it changed."""
+    if same:
+        return 0
+    if counts[RUN] > 0 and _bits(counts, limits) & STUCK == 0:
+        counts[REPEATS] += counts[RUN]
+        counts[RUNS] += 1.0
+    counts[RUN] = 0.0
+    counts[CHANGED] += 1.0
+    return 1
+
+
+@compiled
+def _follow_rows(
+    readings: Array, measured: Bools, informative: Bools, limits: Array, last: Array,
+    counts: Array, board: Array, same: Bools, status: Bytes,
+) -> None:  # fmt: skip
+    """Write repeats and bits (s, t) of readings (s, t, c); the last (t, c) and counts move on."""
+    alone = np.array([math.log(FALSE_ALARM), 0.0, 0.0])
+    for s in range(len(readings)):
+        moved, alike, dead = 0, True, True
+        counted = len(informative) == 0 or informative[s]
+        for t in range(len(last)):
+            read = len(measured) == 0 or measured[t]
+            same[s, t] = read
+            for c in range(last.shape[1]):
+                now, before = readings[s, t, c], last[t, c]
+                same[s, t] &= now == before
+                alike &= now == before or (np.isnan(now) and np.isnan(before))
+                dead &= now == 0.0
+            if read:
+                moved += _count(same[s, t], counts[t], limits)
+                last[t] = readings[s, t]
+        for t in range(len(last)):
+            counts[t, RUN] += same[s, t] and counted and moved >= limits[1]
+            status[s, t] = _bits(counts[t], limits)
+        for one in board:
+            _count(alike, one, alone)
+            one[RUN] += alike and counted
+            for t in range(len(last)):
+                status[s, t] |= _bits(one, alone) | (DEAD if dead else 0)
 
 
 class ChipFaultDetector:

@@ -306,7 +306,7 @@ class FramedDecoder:
         places: list[int] = []
         lost: list[int] = []
         place = 0
-        while True:
+        while place < len(buffer):
             start = buffer.find(self._head, place)
             if start != place:
                 end = start if start >= 0 else self._end_without_head(buffer, place)

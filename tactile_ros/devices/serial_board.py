@@ -82,7 +82,6 @@ class SerialBoard(Closing, Device):
         self.layout = layout
         self._port = SerialPort(port, baud)
         self._stream, self._stuck, self._time_of = decoder, stuck, time_of
-        self._frozen = StuckDetector(1)
         self._clock = clock
         self._age_ns = 0 if native_usb else round(decoder.size * BITS_PER_BYTE / baud * 1e9)
         self._frames: deque[Frame] = deque()
@@ -115,7 +114,6 @@ class SerialBoard(Closing, Device):
         self._openings += 1
         self._stream.reset()
         self._stuck.forget()
-        self._frozen.forget()
         self._time_of.restart()
         self._restart()
 
@@ -183,13 +181,6 @@ class SerialBoard(Closing, Device):
                 self._failure, self._retry_at = str(err), time.monotonic() + self._retry_s
         return b''
 
-    def _repeats(self, readings: Array) -> Bytes:
-        """Bits (s, t) of chips that repeat themselves, or of all where the board does."""
-        whole = np.nan_to_num(readings, nan=-1.0).reshape(len(readings), 1, -1)
-        dead = (readings == 0).all(axis=(1, 2))[:, None] * np.uint8(TaxelStatus.DEAD)
-        repeats = self._stuck.follow_frames(readings) | self._frozen.follow_frames(whole)
-        return np.asarray(repeats | dead, np.uint8)
-
     def _stands_still(self, readings: Array, inside: Bools) -> Bytes:
         """Bits (s, 1) of a board whose one converter repeats all readings `inside` its range."""
         together = readings.reshape(len(readings), 1, -1)
@@ -208,7 +199,7 @@ class SerialBoard(Closing, Device):
         if temperature_c is not None:
             temperature_c, refused = measured_temperature(temperature_c)
             self._counts['temperatures_refused'] += refused
-        marked = np.any(status, axis=1)
+        marked: Bools = status.any(axis=1)  # type: ignore[assignment]
         for i, gap in enumerate(lost):
             self._counts['dropped'] += gap
             self._sequence += 1 + gap
@@ -261,7 +252,7 @@ class ReskinBoard(SerialBoard):
             raise ValueError(msg)
         self._decoder = ReskinDecoder(taxels, quantum)
         self._time = _arrival_time(layout)
-        stuck = StuckDetector(taxels, others=OTHERS)
+        stuck = StuckDetector(taxels, others=OTHERS, whole=True)
         super().__init__(port, layout, self._decoder, stuck, self._time, baud, native_usb, clock)
         self._age_ns += round(conversion_s / 2 * 1e9)
         self._temperature_measured = temperature_measured
@@ -283,7 +274,7 @@ class ReskinBoard(SerialBoard):
         self._queue(decoded.values, temperature_c, self._status(decoded), stamp_ns, lost)
 
     def _status(self, decoded: reskin_protocol.Decoded) -> Bytes:
-        status = self._repeats(decoded.values)
+        status = self._stuck.follow_frames(decoded.values)
         status[decoded.error] |= np.uint8(TaxelStatus.ERROR)
         clipped = (np.abs(decoded.values) >= self.layout.saturation).any(axis=-1)
         status[clipped] |= np.uint8(TaxelStatus.SATURATED)
@@ -339,7 +330,7 @@ class FramedBoard(SerialBoard):
             msg = f'scale must be finite; received {scale!r}'
             raise ValueError(msg)
         self._decoder = FramedDecoder(payload)
-        stuck = StuckDetector(payload.count, others=OTHERS)
+        stuck = StuckDetector(payload.count, others=OTHERS, whole=True)
         if payload.one_converter:
             stuck = StuckDetector(1, least_changes=LIVELY)
         rate_hz = layout.rate_hz
@@ -375,7 +366,7 @@ class FramedBoard(SerialBoard):
             inside = (counts > 0) & (counts < payload.full_count)
             still = self._stands_still(counts, inside)
         else:
-            still = self._repeats(counts)
+            still = self._stuck.follow_frames(counts)
         status = decoded.status | still
         if any(repeated):
             status |= np.array(repeated)[:, None] * np.uint8(TaxelStatus.STALE)

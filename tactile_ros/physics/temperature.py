@@ -30,19 +30,25 @@ def plausible_temperature(chips: Array) -> Array:
     Exactly 0 on all chips of a frame is what boards send that measure none.
     """
     found = np.array(chips, np.float64, order='C')
-    _blank_implausible(found.reshape(-1, found.shape[-1]))
+    blank_implausible(found.reshape(-1, found.shape[-1]))
     return found
 
 
 @compiled
-def _blank_implausible(chips: Array) -> None:
+def blank_implausible(chips: Array) -> int:
+    """Make temperatures (s, t) NaN as above; frames that have none then, though some came."""
+    refused = 0
     for frame in chips:
-        measured = False
+        measured = came = left = False
         for one in frame:
             measured |= one != 0.0
         for t in range(len(frame)):
+            came |= not np.isnan(frame[t])
             if not (measured and COLDEST <= frame[t] <= HOTTEST):
                 frame[t] = np.nan
+            left |= not np.isnan(frame[t])
+        refused += came and not left
+    return refused
 
 
 def hall_sensitivity(
