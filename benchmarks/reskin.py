@@ -76,6 +76,7 @@ def run(extent: str, command: str) -> BenchResult:
             Row(f'{name}: batch of 10 000', 'ms', 1e-3 * BATCH * times[1], aim=50.0),
         ]
         fitted.append(f'{len(taken)} of {len(splits)} {kind}')
+    shares.append(_rests(SENSOR.recordings()['spatial']))
     shares += _by_presses(found['place'], PRESSES[: 1 if quick else None])
     notes = [
         'place: mean length of the 2-D error; force: root mean square error; held-out groups only',
@@ -299,6 +300,15 @@ def _touch(splits: list[Split], fits: list[Pipeline]) -> list[Row]:
     ]
 
 
+def _rests(place: Recording) -> Row:
+    """Rest of the last fifth that is called contact by the tare one touch before."""
+    early, test = (place.select(rows) for rows in (slice(7688), slice(7688, None)))
+    pipeline = SENSOR.pipeline(estimator='ridge').fit(early)
+    rest = np.isin(np.arange(len(test)), np.flatnonzero(test.tare)[1::2])
+    touched = pipeline.process_batch(replace(test, tare=test.tare & ~rest)).in_contact == 1
+    return Row('place, rest after a touch: contacts', '%', 100 * touched[rest].mean(), aim=1.0)
+
+
 def _times(pipeline: Pipeline, test: Recording) -> tuple[float, float]:
     """Microseconds per frame: one at a time, and in a batch of 10 000."""
     batch = replace(
@@ -338,9 +348,8 @@ def _peer(make: Callable[[], object], split: Split) -> float:
 
 def _plain(recording: Recording, split: Split) -> tuple[Array, Array]:
     """Change of field (millitesla) and truth of the rows where it is known."""
-    rest = np.maximum.accumulate(np.where(recording.tare, np.arange(len(recording)), -1))
-    first = int(np.argmax(recording.tare))
-    rest = np.where(rest < 0, first, rest)  # a part may begin inside a cycle
+    first = np.argmax(recording.tare)  # a part may begin inside a cycle
+    rest = np.maximum.accumulate(np.where(recording.tare, np.arange(len(recording)), first))
     delta = 1e3 * (recording.values - recording.values[rest])
     truth = np.asarray(recording.truth[split.target], float)[:, split.columns]
     known = np.isfinite(truth).all(axis=1) & ~recording.tare

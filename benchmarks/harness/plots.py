@@ -22,7 +22,8 @@ ARM = 0.04  # m, of a tube: longer than an array
 def cell_map(cells: Array, shares: Array, title: str) -> str:
     """Share (n,) (%) of touches of each cell, centres (n, 3) (m), that is named rightly."""
     x, y = MM * cells[:, 0], MM * cells[:, 1]
-    wide = _step(x)
+    apart = np.diff(np.unique(np.round(x, 6)))
+    wide = float(apart.min()) if len(apart) else 1.0
     ends = (x.min() - wide / 2, x.max() + wide / 2), (y.min() - wide / 2, y.max() + wide / 2)
     plot = Plot.plan(*ends, '(mm)', title)
     kinds = [f's{(np.searchsorted(SHADES, share) - 1) % 6}' for share in shares]
@@ -32,12 +33,6 @@ def cell_map(cells: Array, shares: Array, title: str) -> str:
         plot.text(float(a), float(b), words, 'middle', shift=24.0)
     shades = zip(['s5', *(f's{i}' for i in range(5))], shade_key(SHADES, '%'), strict=True)
     return standalone(plot, title=title, key=[(kind, words) for kind, (_, words) in shades])
-
-
-def _step(x: Array) -> float:
-    """Distance between neighbours among coordinates."""
-    apart = np.diff(np.unique(np.round(x, 6)))
-    return float(apart.min()) if len(apart) else 1.0
 
 
 def error_map(places: Array, error: Array, title: str) -> str:
