@@ -299,9 +299,9 @@ class Episode:
     def columns(self, number: int, start: int, widths: dict[str, int]) -> Columns:
         """Numbers of all frames, but for the readings in windows."""
         times, found = self.times, Columns()
-        for key, width in widths.items():
+        for key, one in self.tactile.items():
             if 'tactile_force' not in key:
-                stem, one = key.removeprefix('observation.'), self.tactile[key]
+                stem, width = key.removeprefix('observation.'), widths[key]
                 found[f'{stem}.stamp_ns'] = one.stamp_ns[self.window(key, width)]
                 found[f'{stem}.new'] = np.diff(one.ends(times), prepend=0)
         index = np.arange(len(times))
@@ -395,11 +395,11 @@ class DataSet:
         )
         if differ := sorted(k for k in {*ours, *theirs} if ours.get(k) != theirs.get(k)):
             named = ', '.join(differ)
-            msg = f'{episode.path} differs from the first bag in {named}; export it apart'
+            msg = f'{episode.path.name} differs from the first bag in {named}; export it apart'
             raise RecordingError(msg)
 
     def _write(self, episode: Episode, columns: Columns) -> None:
-        windows = {key: episode.window(key, width) for key, width in self._widths.items()}
+        windows = {key: episode.window(key, self._widths[key]) for key in episode.tactile}
         step = IMAGE_ROWS if episode.images else ROWS
         for first in range(0, len(episode.times), step):
             rows = slice(first, first + step)

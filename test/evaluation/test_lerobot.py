@@ -167,18 +167,18 @@ def test_images_are_kept_as_they_came_and_broken_ones_are_counted(
 
 
 def test_bags_with_other_features_or_senseless_stamps_are_refused(
-    tmp_path: Path,
-    parquet: SimpleNamespace,
-) -> None:  # fmt: skip
-    def frames(name: str, stamps: list[int], taxels: int = 5) -> Path:
+    tmp_path: Path, parquet: SimpleNamespace
+) -> None:
+    def frames(name: str, stamps: list[int], taxels: int = 5, space: str = '') -> Path:
         with make.Bag(tmp_path / name) as bag:
-            bag.put('/layout', make.layout(taxels))
+            bag.put(f'{space}/layout', make.layout(taxels))
             for k, stamp in enumerate(stamps):
-                bag.put('/frame', make.frame(k, np.zeros(3 * taxels), stamp), k)
+                bag.put(f'{space}/frame', make.frame(k, np.zeros(3 * taxels), stamp), k)
         return tmp_path / name
 
     steps = [10_000_000 * k for k in range(1, 500)]
     cases = {
+        'first bag in observation.tactile.sensor, .*thumb': frames('far', steps, space='/thumb'),
         'differs from the first bag in observation.tactile': frames('small', steps, 4),
         'are spread over': frames('jump', [*steps, 10**18]),
         'nearly the same stamp': frames('still', [*steps, *range(10**10, 10**10 + 200)]),
