@@ -168,14 +168,14 @@ class Scene:
         self.spin(0.5)
         self.ask(self.goal, lambda: self.phase == GripPhase.HOLD)
 
-    def ask(self, goal: object, until: Callable[[], object]) -> None:
-        """Ask again and again until something holds."""
+    def ask(self, goal: object, until: Callable[[], object], other: object = None) -> None:
+        """Ask again and again until something holds, for another goal in between."""
         asked = -math.inf
         deadline = time.monotonic() + PATIENCE_S
         while not self.spin(0.01, until):
             if time.monotonic() - asked > 4.0 and self.grasp.server_is_ready():
                 self.grasp.send_goal_async(goal)
-                asked = time.monotonic()
+                asked, goal, other = time.monotonic(), other or goal, goal
             if time.monotonic() > deadline:
                 msg = f'the grip did not answer within {PATIENCE_S:g} s: {self.running.lines}'
                 raise TimeoutError(msg)
@@ -262,7 +262,7 @@ class Scene:
         """Kill the grip while its command moves: it must have sent a posture last, which holds."""
         self.ask(self.opening, lambda: self.phase == GripPhase.IDLE and self.force == 0.0)
         self.seen = seen = Seen()
-        self.ask(self.goal, lambda: self.phase == phase and self.is_moving)
+        self.ask(self.goal, lambda: self.phase == phase and self.is_moving, self.opening)
         self.kill('grip_node')
         self.spin(WATCHED_S)
         stopped = self.hand.joints.position
