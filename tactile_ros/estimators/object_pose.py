@@ -599,7 +599,8 @@ class ObjectPose:
         finals = [
             self._descend(True, index, self._refined(index, end.state), y, variance, top, even)
             for end in finals
-            for index in self._profiles(end.index)
+            for index, label in enumerate(self.labels)  # one for each profile of contact
+            if label == self.labels[end.index]
             for even in self._loadings(index)
         ]
         return self._verdict(finals, y, variance, top)
@@ -613,10 +614,6 @@ class ObjectPose:
         """Loads of a flat part, even or not, that are tried: few taxels determine no tilt."""
         few = len(self.areas) <= VAGUE and self.objects[1][index].sharp
         return (True, False) if few else (False,)
-
-    def _profiles(self, index: int) -> list[int]:
-        """The same object by every profile of contact."""
-        return [i for i, label in enumerate(self.labels) if label == self.labels[index]]
 
     def _evidence(self, end: Descent) -> float:
         """Logarithm of the evidence, by Laplace."""

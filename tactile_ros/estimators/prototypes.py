@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import log_softmax
 
 if TYPE_CHECKING:
     from tactile_ros.types import Array, Integers
@@ -34,15 +35,10 @@ class Prototypes:
         self.means_ = np.stack([features[labels == label].mean(axis=0) for label in self.classes_])
         return self
 
-    def squared_distances(self, features: Array) -> Array:
-        """Squared distances (n, k) of features (n, p) from the means."""
-        return np.asarray(np.square(features[:, None] - self.means_).sum(axis=2))
-
     def log_probability(self, features: Array) -> Array:
         """Logarithm of the probability of every class (n, k), eq. (3) with -d."""
-        away = self.squared_distances(features)
-        away = away - away.min(axis=1, keepdims=True)
-        return np.asarray(-away - np.log(np.exp(-away).sum(axis=1, keepdims=True)))
+        squared = np.square(features[:, None] - self.means_).sum(axis=2)
+        return np.asarray(log_softmax(-squared, axis=1))
 
     def predict(self, features: Array) -> Integers:
         """Class (n,) of features (n, p); of equally near ones the lowest."""
