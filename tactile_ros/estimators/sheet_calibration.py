@@ -99,7 +99,7 @@ class SkinModel:
     def dents(self) -> PunchDents:
         """Dents of the body."""
         shear_modulus = self.youngs / (2 * (1 + self.poisson))
-        return PunchDents(self.sheet, 0.0, Layer(self.body, shear_modulus, self.poisson))
+        return PunchDents(self.sheet, Layer(self.body, shear_modulus, self.poisson))
 
     @property
     def common(self) -> Array:

@@ -271,12 +271,9 @@ def at_pose(points: Array, pose: Array) -> Array:
 
 
 class PunchDents:
-    """Dents of flat punches in one layer on a grid of a sheet's cells, for one metre of depth.
+    """Dents of flat punches in one layer on a grid of a sheet's cells, for one metre of depth."""
 
-    The rigid base of the whole `body` is at a height `base` (m).
-    """
-
-    def __init__(self, sheet: Sheet, base: float, body: Layer) -> None:
+    def __init__(self, sheet: Sheet, body: Layer) -> None:
         self.pitch = sheet.pitch
         longest = max(len(line) for line in sheet.lines)
         self.count = EVEN * int(np.ceil(ROOM * longest / EVEN))
@@ -284,7 +281,7 @@ class PunchDents:
         self.shift = np.array([0.5 if len(line) % 2 == 0 else 0.0 for line in sheet.lines])
         self.body = body
         self.kx, self.ky = wave_numbers((self.count, self.count), self.pitch)
-        self.waves = body.waves(sheet.levels - base, self.kx, self.ky) / self.pitch**2
+        self.waves = body.waves(sheet.levels, self.kx, self.ky) / self.pitch**2
 
     def loads(self, outline: Outline) -> tuple[Array, Array]:
         """Points (p, 2) (m) in the outline's frame and loads (p,) per depth (N / m)."""

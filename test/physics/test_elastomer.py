@@ -198,7 +198,7 @@ def test_a_turned_outline_is_turned() -> None:
 def test_turns_are_those_of_cells() -> None:
     one = Sheet(np.array([75e-3, 75e-3]), 2e-3, 2e-3, 75e-3 / 8, 'M4', np.full(9, 0.1))
     carpet = PunchedCarpet(BODY, *one.lines, one.levels)
-    dents, head, pose = PunchDents(one, 0.0, BODY), world.box('', 14e-3, 9e-3), np.zeros(3)
+    dents, head, pose = PunchDents(one, BODY), world.box('', 14e-3, 9e-3), np.zeros(3)
     images = dents.on_sheet(one, dents.images(*dents.loads(head), pose))
     moved, turned = carpet.under(*carpet.loads(head), pose)
     assert np.corrcoef(moved.T.ravel(), images[:3].ravel())[0, 1] > 0.997
