@@ -51,7 +51,7 @@ def sentences(report: Report) -> list[str]:
         elif name.startswith('term: '):
             figures = f'estimated it widens errors {found["costs"]:.3g} times, '
             figures += f'left out it would {found["buys"]:.3g} times'
-        elif name.startswith(KINDS):
+        elif name.startswith(KINDS) or 'held_out_found' in found:
             figures = ', '.join(f'{what} {value:.3g}' for what, value in found.items())
         else:
             continue
