@@ -35,7 +35,7 @@ MARK = b'schema.npy'  # in every calibration and every saved evaluation
 MOST_MEMBERS = 20_000
 MOST_BYTES = 512 * 1024 * 1024
 MOST_DIRECTORY_BYTES = 300 * MOST_MEMBERS
-LARGEST = 1e100  # finite number
+LARGEST = 1e30  # finite number
 NAME = re.compile(r'[A-Za-z0-9_./ +\-]{1,200}\.npy')
 PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 # numpy.lib.format version 1.0, as numpy writes it: nothing is evaluated

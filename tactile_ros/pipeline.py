@@ -70,6 +70,7 @@ SAME = 1e-9  # of the largest entry of a column
 WARM_C, HOT_C = 30.0, 200.0  # the second beyond those of any fit
 CHIPS_C = -40.0, 125.0  # range of chips
 NEAR = np.array([0.97, 1.03])  # of the threshold of contact
+FAR = np.array([1.5, -1.0])  # of the largest change: limits of a fit show beyond it
 
 
 class Pipeline:
@@ -548,20 +549,22 @@ class Pipeline:
         return pipeline
 
     def _references(self, usable: Array, signals: Signals) -> Array | None:
-        """A few of the frames of a fit, from rest to the largest change, two at the threshold."""
+        """Frames of a fit from rest to the largest change, two at the threshold, two beyond."""
         rows = np.flatnonzero(signals.good & np.isfinite(usable).all(axis=(1, 2)))
         if not len(rows):
             return None
         delta = signals.delta[rows]
         size = np.square(delta).sum(axis=(1, 2))
-        places = np.linspace(0, len(rows) - 1, REFERENCES - 2).round().astype(np.int64)
+        count = REFERENCES - len(NEAR) - len(FAR)
+        places = np.linspace(0, len(rows) - 1, count).round().astype(np.int64)
         few = usable[rows[np.argsort(size, kind='stable')[places]]]
         # the lightest touch, made just too light and just heavy enough to count
         ratio = np.abs(delta / np.maximum(self.rest_.scale, 1e-300)).max(axis=(1, 2))
         lightest = np.where(signals.in_contact[rows] == 1, ratio, np.inf).argmin()
         share = np.nan_to_num(NEAR / np.maximum(ratio[lightest], 1e-300))[:, None, None]
-        near = np.nan_to_num(self.rest_.baseline) + delta[lightest] * share
-        return np.concatenate([few[:1], near, few[1:]])
+        rest = np.nan_to_num(self.rest_.baseline)
+        far = rest + delta[size.argmax()] * FAR[:, None, None]
+        return np.concatenate([few[:1], rest + delta[lightest] * share, few[1:], far])
 
     def warm_up(self) -> list[Columns]:
         """Answer the reference frames, so that no frame waits for a table or a compiler.

@@ -14,9 +14,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Protocol
 
+from tactile_ros.calibration import digest, flatten
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.enrolment import Signal, playing
-from tactile_ros.errors import TactileError
+from tactile_ros.errors import CalibrationError, TactileError
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.types.contracts import Device, Estimation, Twin
 from tactile_ros.types.frame import Array, Layout, SensorConfig
@@ -133,7 +134,12 @@ class SensorSpec:
 
     def load(self, path: str | Path) -> Pipeline:
         """Pipeline from a calibration file of this sensor; CalibrationError if it is none."""
-        return Pipeline.load(path, self.key, {c.__name__: c for c in self.classes})
+        pipeline = Pipeline.load(path, self.key, {c.__name__: c for c in self.classes})
+        found, own = flatten(pipeline.layout, ''), flatten(self.layout(pipeline.config), '')
+        if digest(found) != digest(own):
+            msg = f'calibration {path} has another layout than its config; calibrate again'
+            raise CalibrationError(msg)
+        return pipeline
 
 
 def fit_layout(config: SensorConfig, layout: Layout) -> SensorConfig:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tactile_ros import sensors
-from tactile_ros.errors import TactileError
+from tactile_ros.errors import CalibrationError, TactileError
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import SensorSpec, list_sensors, load_sensor
 from tactile_ros.sensors.taxel_array.config import grid_positions, sectors
@@ -140,6 +140,18 @@ class TestConfig:
                 assert found == wanted
             else:
                 np.testing.assert_allclose(found, wanted, rtol=1e-12, err_msg=name)
+
+    def test_file_of_another_layout_than_its_config_is_refused(
+        self, key: str, tmp_path: Path
+    ) -> None:
+        spec, path = load_sensor(key), tmp_path / 'c.npz'
+        pipeline = spec.pipeline()
+        pipeline.save(path)
+        spec.load(path)
+        pipeline.layout = dataclasses.replace(pipeline.layout, saturation=None, rate_hz=7.0)
+        pipeline.save(path)  # signed, as a hostile writer would
+        with pytest.raises(CalibrationError, match='another layout than its config'):
+            spec.load(path)
 
     def test_layout_is_that_of_the_public_face(self, key: str) -> None:
         spec = load_sensor(key)
