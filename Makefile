@@ -66,7 +66,7 @@ lines:
 
 # Site of the documentation; broken links end it.
 docs: setup-tests
-	@NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build -q && echo out/site/index.html
+	@NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build -q && echo 'python3 -m http.server -d out/site'
 
 # Words of every page, mean and longest sentence.
 words:

@@ -12,7 +12,7 @@ SHADES = (60.0, 75.0, 85.0, 92.0, 97.0)  # % of a cell: below the first one an a
 STEPS_MM = (0.2, 0.4, 0.6, 0.9, 1.5)
 MANY = 500  # taxels, of which those that feel nothing are not drawn
 PRESSURES = (0.02, 0.2, 0.4, 0.6)  # of the largest one, between shades
-OBJECT_KEY = (('c1', 'estimated'), ('ink', 'true'), ('s0', 'no pressure'), ('s4', 'most'))
+OBJECT_KEY = (('c1', 'estimated'), ('ink', 'true'), ('s0', '< 2 %'), ('s4', '> 60 % of largest'))
 GLYPHS = '●■▲◆'  # of the marks, in their order
 KEY = 0.09  # of the axis, that a line of the key takes
 MARKS = (0.15, 0.5, 0.85)  # of a line, where its marks stand
@@ -97,7 +97,7 @@ def object_map(
         if np.isnan(value):
             centre = MM * shape.mean(axis=0)
             plot.text(float(centre[0]), float(centre[1]), 'x', 'middle')
-    for lines, kind in ((true, 'line ink'), (found, 'line c1')):
+    for lines, kind in ((found, 'line c1'), (true, 'line ink')):
         for line in lines:
             x, y = MM * line.T
             plot.line(x, y, kind)

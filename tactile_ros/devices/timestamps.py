@@ -49,11 +49,11 @@ class VirtualClock(Clock):
         self._now_ns = start_ns
 
     def now_ns(self) -> int:
-        """See `Clock`."""
+        """Time now (ns), which only `sleep` moves."""
         return self._now_ns
 
     def sleep(self, seconds: float) -> None:
-        """See `Clock`."""
+        """Move the time on at once; negative durations move nothing."""
         self._now_ns += max(0, round(seconds * 1e9))
 
 
@@ -73,7 +73,7 @@ class LeadingClock(Clock):
         return max(self._ahead_ns, self._clock.now_ns())
 
     def sleep(self, seconds: float) -> None:
-        """See `Clock`."""
+        """Move ahead; wait on the other clock once the lead is used up."""
         self._ahead_ns = self.now_ns() + max(0, round(seconds * 1e9))
         lead_ns = self._ahead_ns - self._clock.now_ns()
         if lead_ns > self._lead_ns:

@@ -95,7 +95,7 @@ class Fingertip(Closing):
         self._board = cast('FramedBoard', self._twin.device(clock.now_ns))
 
     def close(self) -> None:
-        """Let the board go."""
+        """Close the board and its twin."""
         self._board.close()
         self._twin.close()
 
