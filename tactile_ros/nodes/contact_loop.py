@@ -83,7 +83,8 @@ class TimeCheck:
         stamp_ns = frame.stamp_ns
         if stamp_ns is None:
             return frame
-        if stamp_ns <= 0 or stamp_ns > now_ns + FAR_AHEAD_NS:
+        # a simulated clock is 0 until its first message, which may come after the first frame
+        if stamp_ns <= 0 or 0 < now_ns < stamp_ns - FAR_AHEAD_NS:
             self.counts['stamps replaced'] += 1
             stamp_ns = max(now_ns, self._stamp_ns + 1)
             stale = np.full(len(frame.values), np.uint8(TaxelStatus.STALE))

@@ -90,6 +90,12 @@ def test_time_check_replaces_a_stamp_that_cannot_be(stamp_ns: int) -> None:
     assert [check.report(), check.report()] == ['1 stamps replaced', '']
 
 
+def test_time_check_believes_stamps_before_a_simulated_clock_says_anything() -> None:
+    check, stamp_ns = TimeCheck(), 10**15
+    frame = check.admit(Frame(stamp_ns, 1, np.zeros((2, 3))), 0)
+    assert (frame.stamp_ns, frame.status, check.report()) == (stamp_ns, None, '')
+
+
 def test_time_check_counts_time_that_goes_back_and_frames_sent_twice() -> None:
     check = TimeCheck()
     for stamp_ns, sequence in ((100, 1), (200, 2), (200, 2), (150, 3)):
