@@ -3,8 +3,8 @@
 
 Two presses of one head differ by its place, turn and depth, and by any uniform field; a model of
 the sheet gives what these do to the pattern of a press, also of a head that nobody described: a
-described head of like pattern stands in for it. Along them a distance costs little. Where that
-names fewer held-out presses, the nearest of unit vectors decides.
+described head of like pattern stands in for it. Along them a distance costs little (tangent
+distance: Simard et al., NIPS 1992). Where that names fewer held-out presses, unit vectors decide.
 """
 
 from __future__ import annotations
@@ -175,6 +175,6 @@ def _marginal_scores(rows: Array, variance: Array, common: Array) -> Array:
 
 
 def prototype_scores(supports: SupportSet, presses: Presses, basis: Array) -> Array:
-    """Squared distances (n, m) of unit vectors from those of supports, over a usual one."""
+    """Squared distances (n, m) of unit vectors from supports ([1] Eq. (3)), over a usual one."""
     known, asked = (scaled_patterns(one.pattern, basis) for one in (supports, presses))
     return np.asarray(np.square(asked[:, None] - known).sum(axis=2) / UNIT_ERROR**2)

@@ -21,7 +21,7 @@ NEARNESS = 1e-3
 
 
 class GridKnn:
-    """Mean of the nearest training samples, weighted by one over the distance.
+    """Mean of the nearest training samples, weighted by one over the distance ([2]; Dudani).
 
     Samples nearer than `NEARNESS`, in standard deviations of the features, count as equally near:
     one that is met exactly does not silence the others' noise. Of samples at the same distance the

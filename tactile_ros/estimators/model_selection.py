@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Choice of an estimator by cross-validation on held-out groups."""
+"""Choice of an estimator by grouped cross-validation (Hastie et al., Statistical Learning, 7)."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ LEAST_SHARE = 1e-10
 
 
 class PolynomialForce:
-    """The chain of [3]: mean removal, norms, 91 products, one matrix of weights."""
+    """The method of [3], appendix: mean removal, norms, 91 products, one matrix of weights."""
 
     size_: float  # root mean square of the gradient field (T), in which features are expressed
     # (p,) of the features
@@ -56,7 +56,7 @@ class PolynomialForce:
 
 
 def gradient_field(x: Array) -> Array:
-    """Fields (s, t, 2) of pixels (s, 2 t) less their mean over the pixels."""
+    """Fields (s, t, 2) of pixels (s, 2 t) less their mean over the pixels ([3], appendix)."""
     pixels = x.reshape(len(x), -1, 2)
     return np.asarray(pixels - pixels.mean(axis=1, keepdims=True))
 

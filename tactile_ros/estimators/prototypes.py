@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Prototypes:
-    """Nearest class means.
+    """Nearest class means, [1] Eqs. (2) and (3).
 
     Examples
     --------

@@ -20,7 +20,7 @@ MOST_ROWS = 2000  # k-means and least squares see no more
 
 
 class RbfForce:
-    """Gaussian nodes at k-means centres of the normalised features.
+    """Gaussian nodes at k-means centres of the normalised features, [5] section 3.1.
 
     Growing numbers of `nodes` are tried until the mean square error, of targets normalised to
     0..1, is the `target`.

@@ -252,7 +252,7 @@ class LearnedFields:
 
 
 def tube_fields(outline: Outline, radius: float, reach: float) -> tuple[ObjectFields, ...]:
-    """Field of an angle tube by each profile of contact (springs, half-space, strip)."""
+    """Field of an angle tube by each profile: springs, half-space (Hertz; Johnson 4.2), strip."""
     size = outline.thickness or UNKNOWN_RADIUS * reach
     blur = ACROSS * radius
     away = np.arange(0.0, size + 2 * blur, (size + 2 * blur) / TUBE_NODES)

@@ -1,9 +1,9 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Crosstalk between rows and columns of a passive matrix of taxels, and its inverse.
 
-Every crossing is a resistor and nothing else, so current finds its way over other crossings. What
-that does depends on the lines that are not selected. Conductances are in units of 1 / R0, the
-resistor below each column, so that outputs (fractions of the supply) are all that must be known.
+Crossings are resistors, and current finds its way over others as the lines that are not selected
+let it; floating ones give a resistance distance (Klein and Randic, J. Math. Chem. 12, 1993).
+Conductances are in units of 1 / R0, the resistor below each column; outputs are shares of supply.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def divided(conductance: Array) -> Array:
 def without_grounded(output: Array) -> Array:
     """Conductances (..., r, c) (1 / R0) behind outputs of a matrix whose rows are all driven.
 
-    The other crossings of a column pull it to ground: g_ij = u_ij / (1 - sum_k u_kj).
+    By Kirchhoff the other crossings of a column pull it to ground: g_ij = u_ij / (1 - sum_k u_kj).
 
     Examples
     --------

@@ -51,7 +51,7 @@ def disc_press(
     points: Array, contacts: Array, normals: Array, forces: Array, radius: Array,
     shear_modulus: float, bond: Array,
 ) -> Array:  # fmt: skip
-    """Displacement (m) of points (s, m, 3) (m) under even pressure on discs of the surface.
+    """Displacement (m) of points (s, m, 3) (m) under even pressure on discs (Johnson, ch. 3).
 
     Parameters
     ----------

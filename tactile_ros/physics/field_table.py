@@ -75,7 +75,7 @@ def disc_table(
 
 @inlined
 def lagrange(u: float) -> tuple[float, ...]:
-    """Weights of four nodes at -1, 0, 1, 2, and their slopes."""
+    """Weights of four nodes at -1, 0, 1, 2, and their slopes (Lagrange; DLMF 3.3)."""
     a, b, c = u + 1, u - 1, u - 2
     return (
         -u * b * c / 6,

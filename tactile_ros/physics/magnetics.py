@@ -30,7 +30,7 @@ Disc = tuple[float, float, float]  # diameter and height (m), remanence (T)
 
 
 def magnet_moment(remanence: float, volume: float) -> float:
-    """Moment of a magnet (A m2) from its remanence (T) and volume (m3)."""
+    """Moment of a magnet (A m2), B V / mu_0, from its remanence (T) and volume (m3)."""
     return remanence * volume / VACUUM_PERMEABILITY
 
 
@@ -45,7 +45,7 @@ def each_dipole_field(points: Array, places: Array, moments: Array) -> list[Arra
 
 
 def dipole_field(points: Array, places: Array, moments: Array) -> Array:
-    """Sum of the fields (..., t, 3) (T) of dipoles.
+    """Sum of the fields (..., t, 3) (T) of dipoles (Jackson, Eq. (5.56); [2] Eq. (1)).
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def rotations(vectors: Array) -> Array:
 
 
 def cuboid_field(points: Array, size: Array, polarisation: Array) -> Array:
-    """Field (..., 3) (T) of a block whose polarisation is the same throughout.
+    """Field (..., 3) (T) of a block of the same polarisation throughout (Furlani, sec. 4.4).
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def _dipole_if_far(points: Array, field: Array, size: float, moment: Array) -> A
 
 
 def cylinder_field(points: Array, diameter: float, height: float, remanence: float) -> Array:
-    """Field (..., 3) (T) of a disc magnetised along z, at points from its centre (m).
+    """Field (..., 3) (T) at points from the centre (m) of a disc along z (Derby and Olbert).
 
     Examples
     --------

@@ -49,9 +49,9 @@ def implausible_taxels(values: Array) -> Bools:
 class ContactGate:
     """Contact from the deviation of the divider from its rest.
 
-    The threshold is the quantile of Student's distribution, the posterior predictive one of a
-    resting frame, at which `FALSE_ALARM` of untouched frames lie beyond. `noise` is the standard
-    deviation of the divider's reading; NaN: estimated from rest.
+    Beyond the threshold lie `FALSE_ALARM` of untouched frames, by Student's distribution, their
+    posterior predictive one (Gelman et al., Bayesian Data Analysis, sec. 3.2). `noise` is the
+    standard deviation of the divider's reading; NaN: estimated from rest.
     """
 
     rest_: Array  # (c,) level of readings at rest; 0 where they float
