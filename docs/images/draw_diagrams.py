@@ -251,7 +251,7 @@ DRAWINGS: dict[str, str] = {
         'What comes in, and whether it is checked',
         (
             'from outside',
-            ('green: read as', 'hostile', 'red: trusted, or', 'open until you', 'close it'),
+            ('green: not', 'trusted', 'red: trusted, or', 'open until you', 'close it'),
             (),
         ),
         (
@@ -278,7 +278,7 @@ DRAWINGS: dict[str, str] = {
     ),
     'nodes': stacked(
         'Nodes of a sensor and of a grip',
-        ('sensor_node', ('reads the board or its twin; sets faults of a twin',), ()),
+        ('sensor_node', ('reads the board or a simulated one, and sets its faults',), ()),
         (
             'contact_node',
             ('serves tare, enrol, forget', 'also publishes wrench, markers, baseline, surface'),
@@ -313,7 +313,7 @@ DRAWINGS: dict[str, str] = {
     ),
     'messages': stacked(
         'Messages between the nodes',
-        ('sensor_node', ('reads the board or its twin',), ()),
+        ('sensor_node', ('reads the board or a simulated one',), ()),
         (
             'contact_node', ('baseline, estimation; also publishes baseline, calibration',),
             ('frame: TactileFrame, one for each reading', 'layout: TactileLayout, latched'),
@@ -330,7 +330,7 @@ DRAWINGS: dict[str, str] = {
     'devices': stacked(
         'From bytes to a frame, in tactile_ros/devices',
         (
-            'board or chips, or their twin', ('simulated_serial.py, simulated_i2c.py',), (),
+            'board or chips, or simulated ones', ('simulated_serial.py, simulated_i2c.py',), (),
         ),
         ('port or bus', ('transport.py opens it, again after unplugging',), ('bytes',)),
         (
@@ -397,7 +397,7 @@ DRAWINGS: dict[str, str] = {
     ),
     'hardware': marks(
         'What each part was tried with',
-        ('real data', 'twin, fake', 'simulated physics', 'real part'),
+        ('real data', 'simulated part', 'simulated physics', 'real part'),
         {
             'eFlesh on a ReSkin board': 'xxx-',
             'AnySkin board': '-xx-',
