@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""A disc magnet over four two-axis pixels that feels force in any stray field: paper [3].
+"""A disc magnet over four two-axis pixels that feels force in stray fields: paper [3].
 
 A disc in an elastomer moves with the force on it; four pixels within 2 mm see Bx and Bz of it. A
 stray field is the same at all four. [3] corrects the Hall sensitivity for temperature, removes
