@@ -11,7 +11,7 @@ import os
 import signal
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -30,7 +30,7 @@ from tactile_ros.types import Array
 
 SENSOR = 'taxel_array'
 HANDS = {'joint_trajectory': ('left', 'right'), 'allegro_v5': ('index', 'thumb')}
-TARGET, MS = 2.0, 1e3  # N
+TARGET, MS, ROW_N = 2.0, 1e3, 0.2  # N, and of a row that is drawn
 LEAST, LARGEST = 0.5 * TARGET, 1.2 * TARGET  # neither dropped nor crushed
 STALE_S = 0.1  # as in GripConfig
 WATCHED_S, PATIENCE_S = 0.8, 40.0
@@ -285,7 +285,7 @@ def fault_rows(extent: str) -> tuple[list[Row], list[str], dict[str, str]]:
     """Rows, notes and drawings of every fault (quick: the first and one death, of one hand)."""
     for name, value in QUIET.items():
         os.environ.setdefault(name, value)
-    traces: dict[str, list[Suffered]] = {}
+    traces: dict[str, dict[str, Suffered]] = {}
     rows: list[Row] = []
     notes = [
         f'Faults during a grasp of {TARGET:g} N on twins and a fake hand: fault | reaction | time'
@@ -301,7 +301,7 @@ def fault_rows(extent: str) -> tuple[list[Row], list[str], dict[str, str]]:
             for fault in scene.faults()[: 1 if extent == 'quick' else None]:
                 scene.hold()
                 *found, trace = scene.suffer(fault)
-                traces.setdefault(hand, []).append(trace)
+                traces.setdefault(hand, {})[fault.name] = trace
                 keep(hand, fault.name, *found)
             for phase in KILLED_IN[-1:] if extent == 'quick' else KILLED_IN:
                 keep(hand, f'grip_node killed in {phase.name}', *scene.die(phase))
@@ -319,24 +319,24 @@ def is_posture(message: object) -> bool:
     return True
 
 
-def drawn(hands: Mapping[str, Sequence[Suffered]]) -> str:
-    """Forces (N) after all faults of each hand, between bounds; a mark where it began to hold."""
-    ends = [float(one.at[-1]) for each in hands.values() for one in each if len(one.at)]
-    longest = MS * max(ends, default=1.0)
-    changes = [[MS * (one.force - one.force[:1]) for one in each] for each in hands.values()]
-    every = np.concatenate([c for each in changes for c in each] or [np.ones(1)])
-    most = 1.15 * float(np.abs(every[np.isfinite(every)]).max(initial=1.0))
-    plot = Plot((0.0, longest), (-most, most), 'time after the fault (ms)',
-                'change of the largest force (mN)', (480, 300),
+def drawn(hands: Mapping[str, Mapping[str, Suffered]]) -> str:
+    """Change of the force after each fault, a row for each; a mark where a hand began to hold."""
+    names = list(dict.fromkeys(name for each in hands.values() for name in each))
+    ends = [float(one.at[-1]) for each in hands.values() for one in each.values() if len(one.at)]
+    plot = Plot((0.0, MS * max(ends, default=1.0)), (len(names) + 0.7, 0.0),
+                'time after the fault (ms)', f'change of force, {MS * ROW_N:.0f} mN a row',
+                (480, 44 * len(names) + 80), integer_ticks=True,
                 description='Change of the force after each fault of a grasp')  # fmt: skip
-    for i, (each, lines) in enumerate(zip(hands.values(), changes, strict=True)):
-        for one, change in zip(each, lines, strict=True):
-            plot.line(MS * one.at, change, f'line c{i}')
-            if np.isfinite(one.after):
-                held = float(np.interp(one.after, one.at, change))
-                plot.mark(MS * one.after, held, i, f'fill c{i}')
+    for row, name in enumerate(names, 1):
+        plot.text(0.35 * plot.x.values[1], row - 0.3, name)
+        for i, each in enumerate(hands.values()):
+            if name in each and len((one := each[name]).at):
+                force = row + 0.2 - (one.force - one.force[0]) / ROW_N
+                plot.line(MS * one.at, force, f'line c{i}')
+                if np.isfinite(one.after):
+                    held = np.interp(one.after, one.at, force)
+                    plot.mark(MS * one.after, float(held), i, f'fill c{i}')
     plot.rule(MS * STALE_S, 'an input counts as stale')
-    named = (f'{hand}: {len(each)} faults' for hand, each in hands.items())
     title = (f'A grip of {TARGET:g} N after each fault; marks: it holds. Allowed are '
              f'{MS * (LEAST - TARGET):+.0f} to {MS * (LARGEST - TARGET):+.0f} mN')  # fmt: skip
-    return standalone(plot, title=title, key=[(f'c{i}', words) for i, words in enumerate(named)])
+    return standalone(plot, title=title, key=[(f'c{i}', name) for i, name in enumerate(hands)])
