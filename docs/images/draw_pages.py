@@ -18,7 +18,7 @@ ADDRESS = 'http://127.0.0.1:8799/'
 REPORT = ROOT / 'out/demo/reskin_board/report.html'
 # width, height (pixels), page; its words, seconds after them, words when it is drawn; command
 PICTURES = {
-    'demo.png': (1240, 2440, REPORT.as_uri(), 'place', 0.5, 'place', ''),
+    'demo.png': (1240, 2500, REPORT.as_uri(), 'place', 0.5, 'place', ''),
     'images/view_page.png': (
         500, 680, ADDRESS, r'\b(untouched|contact)\n(?!.*calibrating)', 10.0, r'\bcontact\n',
         'view --sensor gradiometer --no-open --port 8799',
