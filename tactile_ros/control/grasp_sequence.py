@@ -116,6 +116,7 @@ class GripStep:
     settled: bool  # in HOLD, with every finger's own error small for long enough
     input_age: float  # of the oldest input in use (s); NaN: none is
     shut: bool  # every drive that feels is as closed as it may be, and one at least feels
+    loaded: bool = False  # a load came: soft drives keep their commands
 
 
 GRASPING = (GripPhase.CLOSE, GripPhase.TOUCH, GripPhase.LOAD, GripPhase.HOLD)

@@ -9,8 +9,9 @@ Fingers that oppose each other on a free object would push it to the weaker sens
 their errors that pushes counts by `NET` until a load comes, or the object still walks after
 `NET_TIME`. Afterwards the squeeze alone is regulated, and each finger closes by its share of it: a
 difference between fingers of one side is what holds the object against turning. From the first
-load on, soft drives that have settled keep their commands, which hold it as springs do, and raise
-them by their gains alone: to answer what a load does to single forces moves what it leans on.
+load on, soft drives that have settled keep their commands, which hold it as springs do
+(`HandJoints` makes them stiffer), and raise them by their gains alone: to answer what a load does
+to single forces moves what it leans on.
 """
 
 from __future__ import annotations
@@ -573,6 +574,7 @@ class GripForce:
             settled=self._calm >= SETTLED_TIME and not safe and not self.fault,
             input_age=self._age if self._age < inf else nan,
             shut=bool(feeling) and all(_is_shut(*group) for group in feeling),
+            loaded=self._loaded and self.phase in HOLDING,
         )
 
 

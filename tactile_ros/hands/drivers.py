@@ -64,6 +64,9 @@ class HandDriver:
         0.4, 'how far a target may lie from the measured joint: with the gain of the driver it '
         'bounds the torque', 'rad', 1e-3, 100.0,
     )  # fmt: skip
+    support: float = number(
+        1.0, 'of the way that joints give under a load, by which commands are shifted', '1', 0, 1
+    )
     effort_scale: float = number(0.0, PER_EFFORT, 'N m', 0.0, 1e3)
     command_topic: str = text_of('', 'topic of commands; empty: the name that the driver ships')
     state_topic: str = text_of('', 'topic of joint states; empty: the name that the driver ships')

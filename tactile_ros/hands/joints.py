@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from tactile_ros.types import Array, Integers, JointLimits
 
 SLACK = 0.05  # of a joint's range: encoders are offset, and a hand sags against its stops
-EASE_S = 0.5  # time constant in which a finger that began beside its path joins it
+EASE_S = 0.5  # time constant in which a finger that is beside its path joins it
+SUPPORT_S = 0.1  # in which a command follows joints that give way under a load
 STIFFEST = 1.3  # of a drive's own stiffness: its gain and levers are not exact
 LEADING = 0.03  # rad, lead of a command that tells a gain
 LEARNING = 0.1  # share of a larger gain that one sample teaches: none is believed alone
@@ -132,6 +133,8 @@ class HandJoints:
     ) -> None:
         driver = hand.driver
         self._limits, self._scale = driver.limits, driver.effort_scale
+        self._support = driver.support
+        self._stood: Array | None = None  # (j,) where a load came
         self._drives = [(hand.fingers[name], _run_of(hand.places(name))) for name in drives]
         self._paths = [_path(hand, name, robot) for name in drives]
         self._beside = [np.zeros(len(finger.joints)) for finger, _ in self._drives]
@@ -219,9 +222,13 @@ class HandJoints:
         dt: float,
         elapsed: float,
         now_s: float,
+        loaded: bool = False,
     ) -> Guarded:
         """Joints of the drives' closures; the first command moves nothing.
 
+        While what is held is `loaded`, soft drives are made stiffer: commands are shifted by
+        `support` times the way that their joints have given since the load came. At most 1 is a
+        loop that no delay makes unstable.
         A drive presses beyond its contact (a,) (NaN: it does not); torque caps follow its target
         force (N). `measured` (j,) is where the joints are, `lead` (j,) by how much their commands
         lead them where they hold what this process did not grip (NaN: not known). `dt` is that of
@@ -231,12 +238,17 @@ class HandJoints:
         if first:
             self.limiter.start(measured + np.where(np.isfinite(lead), lead, 0.0))
         meant = np.array(self.limiter.last)
+        self._stood = (measured if self._stood is None else self._stood) if loaded else None
         effort = np.full(len(meant), nan)
         for a, (finger, place) in enumerate(self._drives):
             on_path = self._paths[a].joints(float(closures[a]), float(contacts[a]), dt)
             if first:
                 self._beside[a] = meant[place] - on_path
-            self._beside[a] = self._beside[a] * exp(-dt / EASE_S)
+            sought, time_s = 0.0, EASE_S
+            if self._stood is not None and self._support and isfinite(finger.stiffness):
+                sought = self._support * (self._stood[place] - measured[place])
+                time_s = SUPPORT_S
+            self._beside[a] += (1.0 - exp(-dt / time_s)) * (sought - self._beside[a])
             meant[place] = on_path + self._beside[a]
             effort[place] = finger.caps(forces[a])
         lower, upper, wanted = self._limits.lower, self._limits.upper, meant

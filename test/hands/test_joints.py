@@ -83,6 +83,30 @@ def test_hand_joints_press_on_where_one_is_at_its_limit_and_say_so() -> None:
     assert made.pressed(lead)[0] == pytest.approx(0.3 * own, rel=0.05)
 
 
+@pytest.mark.parametrize(('name', 'share'), [('allegro_v5_pinch', 1.0), ('allegro_v4', 0.0)])
+def test_hand_joints_shift_commands_of_joints_that_give_way_under_a_load(
+    name: str, share: float
+) -> None:
+    hand = load_hand(name)
+    made, place = HandJoints(hand, ['index']), hand.places('index')
+    start = hand.posture('pre_grasp', np.zeros(16))
+    closure, blank, given_way = made.closures_of(start), np.full(16, np.nan), np.zeros(16)
+    given_way[place] = [0.02, -0.01, 0.0, 0.03]
+
+    def after(seconds: float, moved: np.ndarray, loaded: bool) -> np.ndarray:
+        for _ in range(round(seconds / 0.01)):
+            sent = made.command(
+                closure, closure, [0.0], start - moved, blank, 0.01, 0.01, 0.0, loaded
+            )
+        return (sent.position - start)[place]
+
+    np.testing.assert_allclose(after(0.1, 0 * start, True), 0.0, atol=1e-12)
+    np.testing.assert_allclose(after(1.0, given_way, True), share * given_way[place], atol=1e-5)
+    np.testing.assert_allclose(after(5.0, given_way, False), 0.0, atol=1e-5)
+    # a new load is measured from where it came
+    np.testing.assert_allclose(after(1.0, given_way, True), 0.0, atol=1e-5)
+
+
 @pytest.mark.parametrize(('late', 'clip', 'full'), [(0.1, 9.0, False), (0.0, 0.2, True)])
 def test_hand_joints_learn_a_full_drive_from_efforts_and_no_late_command(
     late: float, clip: float, full: bool
