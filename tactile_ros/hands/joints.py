@@ -244,7 +244,7 @@ class HandJoints:
             on_path = self._paths[a].joints(float(closures[a]), float(contacts[a]), dt)
             if first:
                 self._beside[a] = meant[place] - on_path
-            sought, time_s = 0.0, EASE_S
+            sought, time_s = np.zeros(len(finger.joints)), EASE_S
             if self._stood is not None and self._support and isfinite(finger.stiffness):
                 sought = self._support * (self._stood[place] - measured[place])
                 time_s = SUPPORT_S

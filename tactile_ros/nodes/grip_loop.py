@@ -388,8 +388,9 @@ class GripLoop:
             forces[drive] = max(forces[drive], force)
         lead = lead if self.law.phase in HOLDING else np.full(len(lead), nan)
         sent = self._joints.command(
-            made.closure, made.contact, forces, self._measured, lead, dt, elapsed, now_s, made.loaded
-        )
+            made.closure, made.contact, forces, self._measured, lead, dt, elapsed, now_s,
+            made.loaded,
+        )  # fmt: skip
         # the law goes on from what is sent, and winds nothing up
         self.law.admit(sent.closure, dt, sent.reach, sent.clipped)
         self._watch.send(sent.position, now_s)
