@@ -23,7 +23,7 @@ import numpy as np
 
 from tactile_ros import calibration as files
 from tactile_ros.conditioning.baseline import tare_runs
-from tactile_ros.errors import RecordingError, TactileError
+from tactile_ros.errors import CalibrationError, RecordingError, TactileError
 from tactile_ros.evaluation import metrics
 from tactile_ros.evaluation.bag import load_package
 from tactile_ros.evaluation.cdr_columns import stack
@@ -32,7 +32,7 @@ from tactile_ros.evaluation.replay import Follower
 from tactile_ros.evaluation.report import CELLS, Answer, Dataset, answer, inside_one_sigma, rows_of
 from tactile_ros.evaluation.truth import DEFAULT_TRUTH, Association, is_unknown
 from tactile_ros.files import write_atomically
-from tactile_ros.sensors import load_sensor
+from tactile_ros.sensors import list_sensors, load_sensor
 from tactile_ros.types import ContactStates
 
 if TYPE_CHECKING:
@@ -259,7 +259,11 @@ def evaluate(
 
 def open_calibration(path: str | Path) -> Pipeline:
     """Pipeline of whatever sensor the file is of."""
-    return load_sensor(str(files.read(Path(path)).get('sensor.scalar', ''))).load(Path(path))
+    key = str(files.read(Path(path)).get('sensor.scalar', ''))[:60]
+    if key not in list_sensors():
+        msg = f'{path} is of sensor {key!r}, which is not here; set TACTILE_SENSORS to its folder'
+        raise CalibrationError(msg)
+    return load_sensor(key).load(Path(path))
 
 
 @lru_cache(maxsize=64)
