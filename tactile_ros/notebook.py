@@ -15,7 +15,7 @@ from pathlib import Path
 from tactile_ros.errors import RecordingError, TactileError
 from tactile_ros.evaluation import fleet, recording_files
 from tactile_ros.evaluation.recording_files import LoadedRecording
-from tactile_ros.evaluation.replay import replay, with_known_rests, with_tare_rows
+from tactile_ros.evaluation.replay import check_learned, replay, with_known_rests, with_tare_rows
 from tactile_ros.evaluation.report import Result, provenance
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors.registry import SensorSpec, fit_layout, load_sensor
@@ -51,11 +51,9 @@ class Calibration(Pipeline):
         Raises ValueError if there is none, or a shape, a unit or a channel differs, and
         RecordingError where nothing can be learned.
         """
+        self.check_layout(*recordings)
         super().fit(*with_known_rests(recordings))
-        if not self.calibrated:
-            names = ', '.join(sorted({name for one in recordings for name in one.truth}))
-            msg = f'nothing can be learned from these recordings: truth has {names or "nothing"}'
-            raise RecordingError(msg)
+        check_learned(self, recordings)
         return self
 
     def process_batch(self, recording: Recording) -> ContactStates:
@@ -77,11 +75,9 @@ class Calibration(Pipeline):
     def evaluate(self, *recordings: Recording) -> Result:
         """Errors against the truth of recordings, and differences to the live run of bags.
 
-        Raises RecordingError if there is no recording, or one is of another shape.
+        Raises ValueError if there is no recording, or a shape, a unit or a channel differs.
         """
-        if not recordings:
-            msg = 'evaluate needs at least one recording; received none'
-            raise RecordingError(msg)
+        self.check_layout(*recordings)
         datasets = []
         for number, one in enumerate(recordings, 1):
             run = _run_of(one) or LoadedRecording(f'recording {number}', one)
@@ -111,7 +107,7 @@ class Sensor(SensorSpec):
     ) -> Calibration:
         """Calibration that is fitted to recordings; see `pipeline` and `Calibration.fit`."""
         config = self.config() if config is None else config
-        if recordings:
+        if recordings and isinstance(recordings[0], Recording):
             config = fit_layout(config, recordings[0].layout)
         return self.pipeline(config, estimator).fit(*recordings)
 

@@ -405,7 +405,7 @@ class Pipeline:
         signals = self._whole_rows(joined, usable, bits)
         self.estimation.fit(signals, joined.truth, groups_of(joined))
         self.left_out_ = {} if dead is None else {'taxels faulty in every row': float(dead.sum())}
-        self.left_out_ |= self._unused(recordings, joined, faults.usable_rows(bits), signals.good)
+        self.left_out_ |= self._unused(recordings, joined, bits, signals.good)
         self.reference_ = self._references(usable, signals)
         self.warm_up()
         return self
@@ -417,11 +417,14 @@ class Pipeline:
         return replace(signals, good=signals.good & whole)
 
     def _unused(
-        self, recordings: Sequence[Recording], joined: Recording, whole: Bools, good: Bools
+        self, recordings: Sequence[Recording], joined: Recording, bits: Bytes, good: Bools
     ) -> dict[str, float]:
         """Counts of what a fit did not learn from, and of truth that it did not learn."""
+        whole, clipped = faults.usable_rows(bits), ((bits & faults.SATURATED) > 0).any(axis=1)
+        above = f'rows with a reading at or above `saturation` {self.layout.saturation}'
         counts = {
-            'rows with a faulty taxel': int((~whole).sum()),
+            above: int(clipped.sum()),
+            'rows with a faulty taxel': int((~whole & ~clipped).sum()),
             'rows without a baseline': int((whole & ~good).sum()),
         }
         if joined.stamp_ns is None:
@@ -484,8 +487,9 @@ class Pipeline:
 
     def check_layout(self, *recordings: Recording) -> None:
         """Raise ValueError if there is no recording, or its shape, unit or channels differ."""
-        if not recordings:
-            msg = 'recordings of fit must hold at least one Recording; received none'
+        others = [one for one in recordings if not isinstance(one, Recording)]
+        if others or not recordings:
+            msg = f'recordings must hold at least one Recording, none other; received {others[:1]}'
             raise ValueError(msg)
         for found in (recording.layout for recording in recordings):
             self._check_shape(found.shape)

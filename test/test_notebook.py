@@ -89,8 +89,12 @@ def test_report_prints_its_table_and_draws(
     assert re.search(r'; 0 of \d+ frames lost\)$', repr(report))
     assert re.search(r'; \S+ mm mean error of place', repr(report))
     assert '\n' not in repr(report)
-    with pytest.raises(RecordingError, match='at least one recording'):
-        board.evaluate()
+    for none in ((), ('x.npz',), (presses, {'a': presses})):
+        for use in (board.evaluate, board.fit, tr.sensor('reskin_board').fit):
+            with pytest.raises(ValueError, match='at least one Recording, none other; received'):
+                use(*none)
+    with pytest.raises(ValueError, match='received None'):
+        tr.sensor(None)
     drawing = report.plot()
     assert 'Where on the pad it errs' in repr(drawing)
     assert drawing._repr_html_().startswith('<img alt="Drawing(')
@@ -147,6 +151,12 @@ def test_load_decides_from_what_there_is(
     board.save(tmp_path / 'board.npz')
     assert isinstance(tr.load(tmp_path / 'board.npz'), Calibration)
     assert repr(tr.load(tmp_path / 'board.npz')) == repr(board)
+    own = Calibration.of(board)
+    own.sensor = 'my_pad'
+    own.save(tmp_path / 'own.npz')
+    with pytest.raises(tr.TactileError, match=r"own.npz is of sensor 'my_pad'.*TACTILE_SENSORS"):
+        tr.load(tmp_path / 'own.npz')
+    (tmp_path / 'own.npz').unlink()
     tr.save_recording(presses, tmp_path / 'presses.npz')
     assert repr(tr.load(tmp_path / 'presses.npz')) == repr(presses)
     (tmp_path / 'bag').symlink_to(bag)
@@ -176,6 +186,12 @@ def test_fit_takes_the_chips_of_a_recording_or_refuses_it(presses: tr.Recording)
     sensor = tr.sensor('reskin_board')
     with pytest.raises(RecordingError, match=r'nothing can be learned .* truth has nothing'):
         sensor.fit(replace(presses, truth={}))
+    counts = replace(presses, values=1e6 * np.sign(presses.values))
+    reached = f'{len(counts)} rows with a reading at or above `saturation` \\['
+    with pytest.raises(RecordingError, match=rf'rows, truth has .*; left out: {reached}'):
+        sensor.fit(counts)
+    with pytest.raises(RecordingError, match=r'learned from these recordings: 1 rows, .*\w$'):
+        sensor.fit(presses.select(slice(0, 1)))
     with pytest.raises(ValueError, match='at least one Recording'):
         sensor.fit()
     shear = sensor.recordings()['shear'].select(slice(0, 400))

@@ -22,7 +22,7 @@ from tactile_ros.calibration import MARK
 from tactile_ros.cli import console, guided
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation.recording_files import find
-from tactile_ros.evaluation.replay import with_known_rests, with_tare_rows
+from tactile_ros.evaluation.replay import check_learned, left_out, with_known_rests, with_tare_rows
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.registry import fit_layout
@@ -110,10 +110,7 @@ def run(options: argparse.Namespace) -> int:
 
     with console.working(f'fitting {spec.key}', part=part):
         pipeline.fit(*known)
-    if not pipeline.estimators:
-        names = sorted({name for recording in loaded for name in recording.truth})
-        msg = f'nothing in {", ".join(options.recordings)} can be learned: truth has '
-        raise RecordingError(msg + ', '.join(names) + f'; {left_out(pipeline)}')
+    check_learned(pipeline, known, ', '.join(options.recordings))
     pipeline.save(options.output)
     print_fit(pipeline, options, time.perf_counter() - began)
     return 0
@@ -131,13 +128,6 @@ def print_fit(pipeline: Pipeline, options: argparse.Namespace, seconds: float = 
         print(f'{took}metres and newton; written to {options.output}')
         print(f'SHA-256 {pipeline.digest}')
         console.note_if_busy()
-
-
-def left_out(pipeline: Pipeline) -> str:
-    """Sentence on rows that the fit could not use; empty if it used all."""
-    counts = pipeline.report.get('left_out', {})
-    said = '; '.join(f'{count:.0f} {what}' for what, count in counts.items())
-    return said and f'left out: {said}'
 
 
 def slip_sentence(pipeline: Pipeline) -> list[str]:

@@ -479,3 +479,21 @@ def with_known_rests(recordings: Sequence[Recording]) -> list[Recording]:
         else r
         for r in recordings
     ]
+
+
+def left_out(pipeline: Pipeline) -> str:
+    """Sentence on rows that the fit could not use; empty if it used all."""
+    counts = pipeline.report.get('left_out', {})
+    said = '; '.join(f'{count:.0f} {what}' for what, count in counts.items())
+    return said and f'left out: {said}'
+
+
+def check_learned(
+    pipeline: Pipeline, recordings: Sequence[Recording], named: str = 'these recordings'
+) -> None:
+    """Raise RecordingError, with what there was, where a fit learned nothing."""
+    if not pipeline.calibrated:
+        names = ', '.join(sorted({name for one in recordings for name in one.truth})) or 'nothing'
+        there = f'{sum(map(len, recordings))} rows, truth has {names}'
+        parts = (f'nothing can be learned from {named}: {there}', left_out(pipeline))
+        raise RecordingError('; '.join(filter(None, parts)))

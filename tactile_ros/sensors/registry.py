@@ -167,9 +167,9 @@ def designable() -> list[str]:
 
 def load_sensor(key: str) -> SensorSpec:
     """Sensor of a key; ValueError: there is none, TactileError: it cannot be loaded."""
-    key = ALIASES.get(key, key)
+    key = ALIASES.get(str(key), key)
     if key not in list_sensors():
-        close = get_close_matches(key, [*list_sensors(), *ALIASES], 1)
+        close = get_close_matches(str(key), [*list_sensors(), *ALIASES], 1)
         meant = f'; did you mean {close[0]}?' if close else ''
         msg = f'sensor must be one of {", ".join(list_sensors())}; received {key!r}{meant}'
         raise ValueError(msg)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, get_args, get_type_hints
+from typing import Annotated, get_args, get_type_hints, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -177,8 +177,14 @@ class ContactStates(_StateFields):
     def __len__(self) -> int:
         return len(self.valid)
 
-    def __getitem__(self, index: int) -> ContactState:
-        return ContactState(**{name: getattr(self, name)[index] for name in STATE_FIELDS})
+    @overload
+    def __getitem__(self, index: int) -> ContactState: ...
+    @overload
+    def __getitem__(self, index: slice | Bools | Integers) -> ContactStates: ...
+
+    def __getitem__(self, index: int | slice | Bools | Integers) -> ContactState | ContactStates:
+        kind = ContactStates if np.ndim(self.valid[index]) else ContactState
+        return kind(**{name: getattr(self, name)[index] for name in STATE_FIELDS})
 
     def __iter__(self) -> Iterator[ContactState]:
         return (self[i] for i in range(len(self)))

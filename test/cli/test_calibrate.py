@@ -48,7 +48,7 @@ def test_calibrate_learns_slip_or_says_that_nothing_can_be_learned(
     save_recording(pulls.select(slice(0, 600)), few)  # two pulls, both of which slip
     assert main(['calibrate', 'reskin_board', str(few), '-o', str(out)]) == 1
     said = capsys.readouterr().err
-    assert f'nothing in {few} can be learned: truth has repetition, slip' in said
+    assert f'nothing can be learned from {few}: 600 rows, truth has repetition, slip' in said
     assert not out.exists()
     assert main(['calibrate', 'reskin_board', 'slip', '-o', str(out)]) == 0
     said = capsys.readouterr().out

@@ -61,6 +61,10 @@ def test_a_state_is_a_row_of_states() -> None:
             np.testing.assert_array_equal(getattr(state, name), getattr(states, name)[row])
     with pytest.raises(IndexError):
         states[3]
+    for rows in (slice(1, 3), np.array([False, True, True]), np.array([1, 2])):
+        assert len(states[rows]) == 2
+        np.testing.assert_array_equal(states[rows].force, states.force[rows])
+        assert repr(states[rows]).startswith('ContactStates(2 frames')
 
 
 @pytest.mark.parametrize(
