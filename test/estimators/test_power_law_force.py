@@ -75,11 +75,15 @@ def test_held_out_errors_are_those_of_fits_without_the_group() -> None:
     line = np.linspace(0.15, 0.85, 6)
     place = np.repeat(np.stack(np.meshgrid(line, line), -1).reshape(-1, 2), 6, axis=0)
     force, groups = np.tile(np.linspace(2, 12, 6), 36), np.repeat(np.arange(36), 6)
-    film = 2 * np.exp(0.2 * np.sin(5 * place[:, 0])) * force**-0.7
+    kink = 2.0 * np.maximum(0.3 - place[:, 0], 0.0) * np.sin(9 * place[:, 1])  # along one edge
+    film = 2 * np.exp(0.2 * np.sin(5 * place[:, 0]) + kink) * force**-0.7
     x = np.column_stack([place, film * np.exp(3e-3 * rng.normal(size=216))])
     found = PowerLawForce(2.5e-4)
     errors, variance = found.fit_held_out(x, force[:, None], groups)
     assert 0.4 < (errors**2 < variance).mean() < 0.95
+    each, stated = (np.bincount(groups, v) for v in (errors / force, variance / force**2))
+    size = np.abs(each) / np.sqrt(6 * stated)
+    assert size.mean() == pytest.approx((2 / np.pi) ** 0.5, rel=0.1)
     for group in (8, 21):
         rows = groups == group
         other = PowerLawForce(2.5e-4)
