@@ -16,11 +16,13 @@ from typing import ClassVar, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.distance import cdist
+from scipy.special import stdtrit
 
 from tactile_ros.conditioning.fading_memory import FadingMemory
-from tactile_ros.estimators.covariance import CovarianceModel
+from tactile_ros.estimators.covariance import ONE_SIGMA, CovarianceModel
 from tactile_ros.estimators.grid_knn import GridKnn
-from tactile_ros.estimators.model_selection import held_out_report, select
+from tactile_ros.estimators.model_selection import held_out_report, select, spread_rows
 from tactile_ros.estimators.regression import (
     KernelRidge,
     Perceptron,
@@ -93,10 +95,10 @@ class RestingState:
     """Main way along which resting readings move within runs, and the readings themselves.
 
     Presses leave a set that recovers slowly, in the resting reading and in the stiffness (Mullins
-    effect: Diani, Fayolle and Gilormini, Eur. Polym. J. 45, 2009), which shifts the gain. Of the
-    variance of gains a resting reading leaves the share 1 - exp(-(d / l)^2), at the distance d
-    from the nearest one of the fit and with l twice the root mean square deviation within runs
-    (Gaussian process: Rasmussen and Williams, 2006, eq. 2.26).
+    effect: Diani, Fayolle and Gilormini, Eur. Polym. J. 45, 2009), which shifts the gain. Of its
+    variance a resting reading leaves the share 1 - exp(-(d / l)^2), less that in errors of groups
+    held out: at the distance d from the nearest one of the fit, with l twice the root mean square
+    deviation within runs (Gaussian process: Rasmussen and Williams, 2006, eq. 2.26).
     """
 
     centre_: Array  # (d,) mean resting reading (unit of the rests)
@@ -106,14 +108,14 @@ class RestingState:
     known_: Array  # (n, d) resting readings of the fit, less the centre (unit of the rests)
     width_: float  # l (unit of the rests)
     separate_: bool  # whether no two runs share a resting reading
+    usual_: float = 0.0  # share left between a group and the others; 0 in files of before
 
-    def fit(self, rests: Array, runs: Integers) -> RestingState:
-        """Learn from the finite resting reading (s, d) under each row and its run (s,)."""
+    def fit(self, rests: Array, runs: Integers, groups: Integers) -> RestingState:
+        """Learn from the finite resting reading (s, d) under each row, its run and group (s,)."""
         self.centre_ = rests.mean(axis=0)
-        within, each = rests.copy(), 0
+        within = rests.copy()
         for run in np.unique(runs):
             within[runs == run] -= within[runs == run].mean(axis=0)
-            each += len(np.unique(rests[runs == run], axis=0))
         value, vector = np.linalg.eigh(within.T @ within / len(within))
         floor = 1e-4 * float(np.sqrt((rests**2).sum(axis=1).mean())) + 1e-150
         self.width_ = max(2 * float(np.sqrt(max(value.sum(), 0.0))), floor)
@@ -125,7 +127,13 @@ class RestingState:
         self.low_, self.high_ = float(state.min()) - more, float(state.max()) + more
         known = np.unique(rests - self.centre_, axis=0)
         self.known_ = known[spread_out(known, 32)]
-        self.separate_ = len(known) == each
+        self.separate_ = len(known) == len(np.unique(np.column_stack([runs, rests]), axis=0))
+        first = np.unique(np.column_stack([groups, rests]), axis=0, return_index=True)[1]
+        first = spread_rows(first, 256)
+        apart = cdist(rests[first], rests[first], 'sqeuclidean')
+        apart[groups[first, None] == groups[first]] = np.inf
+        near = apart.min(axis=1)  # infinite: a single group, whose rows are held out
+        self.usual_ = float(np.mean(-np.expm1(-near / self.width_**2) * (near < np.inf)))
         return self
 
     def predict(self, rests: Array) -> tuple[Array, Array]:
@@ -137,11 +145,12 @@ class RestingState:
             return state, np.ones(len(rests))
         apart = np.einsum('nd,nd->n', self.known_, self.known_) - 2 * moved @ self.known_.T
         square = np.einsum('sd,sd->s', moved, moved) + apart.min(axis=1)
-        return state, -np.expm1(-np.maximum(square, 0.0) / self.width_**2)
+        left = -np.expm1(-np.maximum(square, 0.0) / self.width_**2)
+        return state, np.maximum(left - self.usual_, 0.0)
 
 
 def gain_spread(predictions: Array, y: Array, runs: Integers) -> float:
-    """Standard deviation of the gain of an unseen run about that of a fit.
+    """Half width that holds 68.27 % of gains of unseen runs about that of a fit, by Student.
 
     Predictions (s, k) of targets of runs (s,) are of fits that had not seen them; of one run only
     the prior is known, which counts as one run.
@@ -154,7 +163,7 @@ def gain_spread(predictions: Array, y: Array, runs: Integers) -> float:
     if count > 1:
         between = (np.array(gains) - 1) ** 2 / (1 + 1 / (count - 1))
         variance = float(variance + between.sum()) / (1 + count)
-    return math.sqrt(variance * (1 + 1 / count))
+    return math.sqrt(variance * (1 + 1 / count)) * float(stdtrit(count, 0.5 + 0.5 * ONE_SIGMA))
 
 
 class Head:
@@ -168,10 +177,10 @@ class Head:
     report_: dict[str, float]  # errors on held-out groups (unit of the target)
     estimator_: Estimator  # fitted on all rows
     state_: RestingState | None  # of a force
-    gain_: float  # of a force, standard deviation of the gain of an unseen run
+    gain_: float  # of a force, half width of the gain of an unseen run
     covariance_: CovarianceModel
-    size_: float  # typical load of a force; one over the typical signal of other targets
-    ratio_: float  # growth of the variance with the square of that size
+    signal_: float = 0.0  # typical change of the readings; files of before have none
+    ratio_: float  # growth of the variance with the square of that over the change
 
     def __init__(
         self, target: str, columns: tuple[int, ...], wanted: str | None, channels: int
@@ -190,7 +199,7 @@ class Head:
         overwritten.
         """
         force, place = self.target in FORCES, self.target == 'position'
-        self.state_ = RestingState().fit(rests, sessions) if force else None
+        self.state_ = RestingState().fit(rests, sessions, groups) if force else None
         if self.state_ is not None:
             x = self._with_state(x, self.state_.predict(rests)[0])
         tried = candidates(self.wanted, place=place, trial=True)
@@ -204,8 +213,7 @@ class Head:
         readings = choice.x[:, : self.channels]
         self.covariance_ = CovarianceModel().fit(choice.residuals, stated, choice.groups, readings)
         self.gain_ = self._fit_gain(x, y, sessions) if force else 0.0
-        cov = self.covariance_.predict(stated, readings)[0]
-        sigma = np.sqrt(np.einsum('skk->sk', cov))
+        sigma = np.sqrt(np.einsum('skk->sk', self.covariance_.predict(stated, readings)[0]))
         off, groups = choice.residuals, choice.groups
         self.report_ = held_out_report(off, sigma, groups, len(x), choice.errors)
         return self
@@ -238,23 +246,15 @@ class Head:
             np.multiply(state, STATE_WEIGHT, out=x[:, -1:])
         return x
 
-    def _size(self, x: Array, mean: Array) -> Array:
-        """Quantity (s,) with which errors grow: the load of a force, else one over the signal."""
-        if self.target in FORCES:
-            return np.asarray(np.sqrt(np.einsum('sk,sk->s', mean, mean)))
-        now = x[:, : self.channels]
-        return np.asarray(1 / np.sqrt(np.einsum('sd,sd->s', now, now) + 1e-150))
-
     def _stated(self, x: Array, mean: Array) -> Array:
         """Standard deviation (s, k) up to the scale that held-out errors give it."""
-        size = np.minimum(self._size(x, mean) / self.size_, 1e3)
-        sigma = np.sqrt(1 + self.ratio_ * size * size)
+        faint = self.signal_**2 / (np.square(x[:, : self.channels]).sum(axis=1) + 1e-150)
+        sigma = np.sqrt(1 + self.ratio_ * np.minimum(faint, 1e6))
         return np.repeat(sigma[:, None], mean.shape[1], axis=1)
 
     def _fit_ratio(self, x: Array, mean: Array, residuals: Array) -> None:
         """Learn the most probable ratio from held-out errors (s, k), by Laplace's law."""
-        size = self._size(x, mean)
-        self.size_ = float(np.median(size)) + 1e-300
+        self.signal_ = float(np.median(np.linalg.norm(x[:, : self.channels], axis=1)))
         length = np.linalg.norm(residuals, axis=1)
         costs = []
         for self.ratio_ in RATIOS.tolist():

@@ -40,7 +40,7 @@ def test_place_on_held_out_grid_points() -> None:
     assert abs((np.abs(miss) <= sigma).mean() - 0.683) < 0.05
 
 
-def test_force_with_history_beats_force_without() -> None:
+def test_force_with_history_beats_force_without_and_is_covered_honestly() -> None:
     shear = RECORDINGS['shear']
     late = shear.truth['repetition'] >= 8
     config = dataclasses.replace(SPEC.config(), positions=shear.layout.positions)
@@ -48,39 +48,29 @@ def test_force_with_history_beats_force_without() -> None:
     test = shear.select(late)
     truth = test.truth['force'][:, 0].astype(float)
     known = np.isfinite(truth)
-    stamped = pipeline.process_batch(test).force[known, 0] - truth[known]
+    states = pipeline.process_batch(test)
+    stamped = states.force[known, 0] - truth[known]
     free = dataclasses.replace(test, stamp_ns=None)
     independent = pipeline.process_batch(free).force[known, 0] - truth[known]
+    inside = np.abs(stamped) <= np.sqrt(states.force_cov[known, 0, 0])
+    assert 0.466 < inside[states.in_contact[known] == 1].mean() < 0.9
     assert np.sqrt((stamped**2).mean()) < 0.14
     assert np.sqrt((stamped**2).mean()) < 0.5 * np.sqrt((independent**2).mean())
 
 
 def test_gain_between_runs_widens_the_covariance_of_another_run() -> None:
     one, two = RECORDINGS['normal_1'], RECORDINGS['normal_2']
-    alone = SPEC.pipeline(estimator='ridge').fit(one)
+    alone = SPEC.pipeline(estimator='ridge').fit(two)
     relative = []
-    for recording in (one, two):
+    for recording in (two, one):
         states = alone.process_batch(recording)
         strong = np.flatnonzero(states.force[:, 2] > 20)
         variance = states.force_cov[strong, 2, 2] / states.force[strong, 2] ** 2
         assert (variance > 0).all()
         relative.append(np.sqrt(np.median(variance)))
     # within the run its own errors count; another run's gain is unknown
-    assert relative[1] > 0.015
+    assert relative[1] > 0.03
     assert relative[1] > 1.2 * relative[0]
-
-
-def test_a_later_part_of_a_run_is_covered_honestly() -> None:
-    shear = RECORDINGS['shear']
-    late = shear.truth['repetition'] >= 8
-    config = dataclasses.replace(SPEC.config(), positions=shear.layout.positions)
-    pipeline = SPEC.pipeline(config, estimator='kernel_ridge').fit(shear.select(~late))
-    test = shear.select(late)
-    states = pipeline.process_batch(test)
-    miss = np.abs(states.force[:, 0] - test.truth['force'][:, 0])
-    touched = np.isfinite(miss) & (states.in_contact == 1)
-    inside = (miss <= np.sqrt(states.force_cov[:, 0, 0]))[touched]
-    assert 0.466 < inside.mean() < 0.9  # 95 % binomial interval of the ten cycles' run
 
 
 def test_readings_beyond_those_of_the_fit_are_flagged() -> None:
