@@ -34,6 +34,7 @@ import yaml
 from tactile_ros import __version__
 from tactile_ros.conditioning.baseline import tare_means, tare_runs
 from tactile_ros.errors import MissingPackageError, RecordingError
+from tactile_ros.files import read_yaml
 from tactile_ros.messages import fill_baseline, fill_contacts, fill_frame, fill_header, fill_layout
 from tactile_ros.types import STATE_FIELDS, Closing, ContactState, Frame, Recording
 
@@ -59,9 +60,6 @@ MESSAGE_HEAD = struct.Struct('<BQHIQQ')  # and channel, sequence, log time, publ
 # end of a file without an index yet
 TAIL = HEAD.pack(DATA_END, 4) + bytes(4) + HEAD.pack(FOOTER, 20) + bytes(20) + MAGIC
 FOOTER_BYTES = HEAD.size + 20 + len(MAGIC)
-LISTED = re.compile(
-    r'^\s*-\s+(?:path:\s+)?"?([^"\n]+\.(?:mcap|db3)(?:\.zstd)?)"?\s*$', re.MULTILINE
-)
 MOST_DAMAGES = 20  # sentences about one file
 ROWS = 512  # of a database, read at a time
 LATCHED = re.compile(r'durability:\s*(?:1\b|transient_local)')  # in offered QoS
@@ -463,9 +461,13 @@ def _files(path: Path, content: BagContent) -> list[Path]:
         raise RecordingError(msg)
     metadata = path / 'metadata.yaml'
     if metadata.is_file():
-        text = metadata.read_text(encoding='utf-8', errors='replace')
-        gone = {Path(name).name for name in LISTED.findall(text)} - {file.name for file in files}
-        content.problems += [f'{name} of the bag is missing' for name in sorted(gone)]
+        try:
+            about: Any = read_yaml(metadata.read_bytes())
+            listed = map(str, about['rosbag2_bagfile_information']['relative_file_paths'])
+            gone = {Path(name).name for name in listed} - {file.name for file in files}
+            content.problems += [f'{name} of the bag is missing' for name in sorted(gone)]
+        except (ValueError, LookupError, TypeError):
+            content.problems.append('metadata.yaml of the bag names no files; all were read')
     else:
         content.problems.append('metadata.yaml of the bag is missing; its files were read anyway')
     return sorted(files, key=lambda file: (len(file.name), file.name))

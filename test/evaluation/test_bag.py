@@ -205,6 +205,19 @@ def test_a_chunk_that_claims_too_much_is_named_and_skipped(tmp_path: Path) -> No
     assert any('claims 1099511627776 bytes' in problem for problem in content.problems)
 
 
+def test_files_are_listed_as_yaml_writes_them(tmp_path: Path) -> None:
+    path = tmp_path / 'my b\u00e1g'  # yaml escapes it
+    with BagWriter(path):
+        pass
+    metadata = path / 'metadata.yaml'
+    assert '\\xE1' in metadata.read_text()
+    assert read_all(path).problems == []
+    metadata.write_text(metadata.read_text().replace('_0.mcap', '_1.mcap'))
+    assert read_all(path).problems == ['my b\u00e1g_1.mcap of the bag is missing']
+    metadata.write_text('[' * 9999)
+    assert read_all(path).problems == ['metadata.yaml of the bag names no files; all were read']
+
+
 def test_sqlite3_bags_are_read_and_a_damaged_one_as_far_as_it_goes(tmp_path: Path) -> None:
     text = make.cdr(make.new('String', data='x' * 300))
     file = tmp_path / 'bag' / 'bag_0.db3'
