@@ -23,6 +23,7 @@ CLASSES = ('cell', 'label', 'in_contact', 'slip')
 ROWS = ('truth', 'estimate', 'error', 'variance', 'rows', 'time_s', 'since_s', 'groups')
 LEAST_TOUCH = 0.1  # N, of a force that must be reported as contact
 AXES = 'xyz'
+SAME = 1e-9  # largest difference of a replay that repeats its live run
 # what truth can judge: unit, state attribute and components; the place counts in the plane
 TARGETS = {
     'position': ('m', 'position', [0, 1]),
@@ -386,7 +387,8 @@ class Agreement:
 
     frames: int  # compared
     without_contacts: int  # frames that the live node did not see, which are left out
-    differences: dict[str, float]  # largest of each attribute; inf where only one has it
+    differences: dict[str, float]  # largest of each attribute, where both have it
+    alone: int = 0  # frames in which only one has an attribute
 
     def __add__(self, other: Agreement) -> Agreement:
         worst = {
@@ -394,24 +396,21 @@ class Agreement:
             for name in dict.fromkeys([*self.differences, *other.differences])
         }
         missing = self.without_contacts + other.without_contacts
-        return Agreement(self.frames + other.frames, missing, worst)
+        return Agreement(self.frames + other.frames, missing, worst, self.alone + other.alone)
 
     @property
     def largest(self) -> float:
-        """Largest difference of all; 0 where nothing was compared."""
-        return max(self.differences.values(), default=0.0)
-
-    @property
-    def worst(self) -> str:
-        """Attribute with the largest difference."""
-        return max(self.differences, key=lambda name: self.differences[name], default='')
+        """Largest difference of all; 0 where nothing was compared, inf where one stands alone."""
+        return float('inf') if self.alone else max(self.differences.values(), default=0.0)
 
     def __str__(self) -> str:
-        """Largest difference, in a sentence."""
-        if not np.isfinite(self.largest):
-            return f'of replay and live contacts one alone has {self.worst}'
-        largest = f'{self.largest:.1g} in {self.frames:,} frames'
-        return f'replay and live contacts differ by at most {largest}'
+        """Largest differences (SI), in a sentence."""
+        sizes = ((n, self.differences.get(n, 0.0)) for n in ('in_contact', 'position', 'force'))
+        most = ', '.join(f'{name} {size:.2g}' for name, size in sizes if size > SAME)
+        most = most or f'{max(self.differences.values(), default=0.0):.1g}'
+        alone = f'; in {self.alone:,} of them one alone has an estimate' if self.alone else ''
+        where = f'{self.frames:,} frames{alone}'
+        return f'replay and live contacts differ by at most {most} in {where}'
 
     @property
     def problems(self) -> tuple[str, ...]:

@@ -65,17 +65,16 @@ def compare(live: ContactStates, rows: Integers, states: ContactStates, samples:
 
     The contacts are about `rows` (n,); poses are no part of the messages.
     """
-    differences = {}
+    differences, alone = {}, np.zeros(len(rows), bool)
     patches = max(live.contacts_id.shape[1], states.contacts_id.shape[1])
     for name in (name for name in STATE_FIELDS if name not in NOT_IN_MESSAGES):
         mine = np.asarray(widened(name, getattr(states, name)[rows], patches), np.float64)
         theirs = np.asarray(widened(name, getattr(live, name), patches), np.float64)
-        missing = np.isnan(mine)
-        differences[name] = float('inf')
-        if np.array_equal(missing, np.isnan(theirs)):
-            same = missing | (mine == theirs)
-            differences[name] = float(np.where(same, 0.0, np.abs(mine - theirs)).max(initial=0.0))
-    return Agreement(len(rows), samples - len(np.unique(rows)), differences)
+        single = np.isnan(mine) != np.isnan(theirs)
+        alone |= single.any(axis=tuple(range(1, single.ndim)))
+        apart = np.where(mine == theirs, 0.0, np.abs(mine - theirs))
+        differences[name] = float(np.nanmax(apart, initial=0.0))
+    return Agreement(len(rows), samples - len(np.unique(rows)), differences, int(alone.sum()))
 
 
 def as_live(calibrations: Sequence[str], pipeline: Pipeline) -> Pipeline:
@@ -151,6 +150,9 @@ class Follower:
         self.pipeline.reset()
         self.pipeline.failures = 0
         self._mismatch = calibration_problems(calibrations, self.began, changes)
+        sequence, before = first.recording.sequence, [b.sequence for b in first.baselines[:1]]
+        if sequence is not None and before and (sequence[:1] > before).any():
+            self._mismatch += ('begun amid a run: contacts differ by what filters remember',)
         self._baselines = BaselineQueue()
         self._changes = ClassChanges(changes, self.pipeline)
         self._stream, self._unused_tares, self._unmeasured = -1, 0, 0

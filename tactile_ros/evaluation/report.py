@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 Cell = str | float | int | None
 LOW_IS_BETTER = ('mean', 'p50', 'p95', 'RMSE', 'us/frame')
 PACKAGES = ('numpy', 'scipy', 'rosbags', 'ros-rclpy', 'numba', 'scikit-learn')
-SAME = 1e-9  # largest difference of a replay that repeats its live run
 MOST_DRAWN = 1 << 16  # rows of a target
 MOST_LETTERS = 90  # of a value of a configuration
 PAGE_MARK = b'<meta name="generator" content="tactile_ros">'
@@ -136,7 +135,7 @@ class Dataset:
         several = sum(one.agreement is not None for one in self.answers) > 1
         for one in self.answers:
             which = f'{one.calibration}: ' if several else ''
-            if one.agreement and (math.isfinite(one.agreement.largest) or not one.problems):
+            if one.agreement:
                 said.append(f'{which}{one.agreement}')
         return [f'{self.name}: {text}' for text in (*said, *self.all_problems)]
 
@@ -307,7 +306,6 @@ CELLS: dict[str, Callable[[Dataset, Answer], Cell]] = {
     'shear RMSE (N)': lambda _, a: _rms(a, 'force_x', 'force_y'),
     'shear, untared (N)': lambda _, a: _rms(a.untared, 'force_x', 'force_y'),
     'force in 1 sigma (%)': lambda _, a: _covered(a, 'force'),
-    'contact right (%)': lambda _, a: _right(a, 'in_contact'),
     'cell right (%)': lambda _, a: _right(a, 'cell'),
     'label right (%)': lambda _, a: _right(a, 'label'),
     'slip right (%)': lambda _, a: _right(a, 'slip'),
@@ -320,7 +318,7 @@ CELLS: dict[str, Callable[[Dataset, Answer], Cell]] = {
     'us/frame batch': lambda _, a: a.us_batch,
 }
 ON_PAGES = [name for name in CELLS if name not in (
-    'calibration', 'contact right (%)', 'cell right (%)', 'label right (%)', 'slip right (%)',
+    'calibration', 'cell right (%)', 'label right (%)', 'slip right (%)',
     'frames', 'us/frame batch',
 )]  # fmt: skip
 ACROSS = 8  # figures of a table that no page is too narrow for
@@ -479,7 +477,7 @@ def render(result: Result) -> str:
     sections = [
         {
             'dataset': dataset,
-            'same': dataset.agreement is not None and dataset.agreement.largest <= SAME,
+            'same': dataset.agreement is not None and dataset.agreement.largest <= metrics.SAME,
             'figures': figures_of(dataset, colours),
         }
         for dataset in result.datasets
