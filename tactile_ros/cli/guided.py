@@ -154,7 +154,7 @@ class SimulatedPresses(Truth):
     def now(self) -> tuple[Array, Array | None]:
         """Force of what is played."""
         force = self._recording.truth.get('force')
-        return (UNKNOWN if force is None else np.nan_to_num(force[self._row])), None
+        return (UNKNOWN if force is None else force[self._row]), None
 
 
 class Folder(NamedTuple):
@@ -508,11 +508,12 @@ def finish(
         print('all presses are at one place: no report on others', file=sys.stderr)
         return pipeline
     session.wait('drawing the report', 0.0)
-    loaded = LoadedRecording('places held out', whole.select(apart))
+    loaded = LoadedRecording('every fourth place, held out', whole.select(apart))
     found = fleet.evaluate(loaded, {'calibration on the other places': others})
     command = shlex.join(['tactile', *sys.argv[1:]])
     facts = provenance([str(folder / 'presses.npz')], {options.output.name: pipeline})
     result = Result('Guided calibration', command, facts, (for_drawing(found),))
     write_report(folder / 'report.html', result)
-    print(f'presses, bag and report in {folder}', file=sys.stderr)
+    print(f'presses, bag and report of every fourth place in {folder}', file=sys.stderr)
+    print('held out in the table: frames, in folds of the fit itself', file=sys.stderr)
     return pipeline

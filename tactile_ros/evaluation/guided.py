@@ -398,7 +398,8 @@ class HeldOut:
             )
             if np.isfinite(errors).any()
         ]  # fmt: skip
-        return ', '.join(words) or 'nothing is estimated'
+        count = f' (RMS of {len(self.position)} presses)'
+        return ', '.join(words) + count if words else 'nothing is estimated'
 
 
 def _some_rows(press: Recording) -> Integers:

@@ -305,6 +305,6 @@ def test_worst_presses_are_above_their_goal_or_twice_the_median() -> None:
     errors = HeldOut(np.array([1.0, 1.1, 0.9, 2.5]) * 1e-3, np.full(4, np.nan))
     assert errors.worst(None, None) == [3]
     assert errors.worst(1e-3, None) == [1, 3]
-    assert str(errors) == 'place 1.5 mm'
+    assert str(errors) == 'place 1.5 mm (RMS of 4 presses)'
     assert where_in_words(PLACES[[0, 15]], PLACES) == 'at the rim'
     assert where_in_words(PLACES[[5]], PLACES) == 'in the middle'
