@@ -19,6 +19,7 @@ import os
 import shlex
 import sys
 from functools import partial
+from itertools import count
 from pathlib import Path
 
 from tactile_ros.cli.console import add_overwrite, note, refuse_unwritable, show, working
@@ -74,6 +75,12 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
+def last_names(paths: list[str]) -> dict[str, str]:
+    """Last parts of paths, as many as tell them apart."""
+    tails = (['/'.join(Path(path).parts[-n:]) for path in paths] for n in count(1))
+    return dict(zip(paths, next(one for one in tails if len(set(one)) == len(one)), strict=True))
+
+
 def judged(options: argparse.Namespace) -> list[compare.Competitor]:
     """Estimates of every competitor, each file read once."""
     names, truth = options.competitors, tuple(options.truth) or DEFAULT_TRUTH
@@ -99,14 +106,14 @@ def judged(options: argparse.Namespace) -> list[compare.Competitor]:
         raise ValueError('name the recordings to compare on: --on RECORDING')
     config = fit_layout(spec.config(), loaded[0].recording.layout)
     found = []
-    for name in names:
+    for name, short in last_names(names).items():
         with working(f'judging {name}'):
             if name in bags:
-                found.append(compare.live(name, bags[name]))
+                found.append(compare.live(short, bags[name]))
             elif name in pipelines:
-                found.append(compare.judge(name, pipelines[name], loaded))
+                found.append(compare.judge(short, pipelines[name], loaded))
             elif name in spec.estimator_names:
-                found.append(compare.held_out(name, partial(spec.pipeline, config, name), loaded))
+                found.append(compare.held_out(short, partial(spec.pipeline, config, name), loaded))
             else:
                 known = ', '.join(spec.estimator_names)
                 raise ValueError(f'{name} is no file and no estimator of {spec.key} ({known})')

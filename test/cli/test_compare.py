@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from tactile_ros.cli.compare import last_names
 from tactile_ros.cli.main import main
 
 ON = ['--on', 'presses.npz']
@@ -29,15 +30,21 @@ def test_a_page_or_a_drawing_is_written(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     name = str(tmp_path / name)
-    words = ['compare', 'a.npz', 'b.npz', *ON, '-o', name]
+    files = [str(Path(one).resolve()) for one in ('a.npz', 'b.npz')]
+    words = ['compare', *files, *ON, '-o', name]
     assert main(words) == 0
     assert 'permutation test that swaps both estimates' in capsys.readouterr().out
-    assert 'b.npz against a.npz' in Path(name).read_text()
+    assert ': b.npz against a.npz' in Path(name).read_text()
     Path(name).write_text('mine')
     assert main(words) == 1
     assert Path(name).read_text() == 'mine'
     assert main([*words, '--overwrite']) == 0
     assert main(words) == 0
+
+
+def test_names_are_as_long_as_they_must_be() -> None:
+    paths = ['/home/me/old/a.npz', '/home/me/new/a.npz', 'ridge']
+    assert [*last_names(paths).values()] == ['old/a.npz', 'new/a.npz', 'ridge']
 
 
 @pytest.mark.parametrize(
