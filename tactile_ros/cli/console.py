@@ -197,6 +197,15 @@ def refuse_unwritable(path: Path, mark: bytes = b'', *, overwrite: bool = True) 
         raise TactileError(msg) from error
 
 
+def refuse_no_new_folder(target: Path, inputs: Iterable[Path] = ()) -> None:
+    """Refuse an output that exists already, or would lie inside a bag that is read."""
+    if os.path.lexists(target):
+        raise TactileError(f'{target} exists already; name a folder that does not')
+    for folder in inputs:
+        if target.resolve().is_relative_to(folder.resolve()):
+            raise TactileError(f'{target} is inside {folder}; name a folder outside it')
+
+
 def add_overwrite(parser: argparse.ArgumentParser) -> None:
     """Option that lets a command replace files of others."""
     parser.add_argument(

@@ -34,7 +34,7 @@ from pathlib import Path
 import numpy as np
 
 from tactile_ros import errors
-from tactile_ros.cli.console import as_objects, note, show, working
+from tactile_ros.cli.console import as_objects, note, refuse_no_new_folder, show, working
 from tactile_ros.devices.mlx90393 import MUX_ADDRESSES, Command
 from tactile_ros.devices.transport import I2cBus, list_buses, list_ports
 from tactile_ros.evaluation.bag_check import BagCheck, FrameCheck, check_bag, repair_bag
@@ -47,6 +47,7 @@ OK, NOTE, WARN, BAD = 'ok', 'note', 'warn', 'bad'
 LONGEST_S, READ_S = 3600, 0.5
 CHIP_ADDRESSES = range(0x0C, 0x1C)  # of all variants of the MLX90393
 MOST_LATENCY_MS = 1
+ADVICE = 'save what can be read: `tactile doctor BAG --repair OUT`'
 RULES = '/etc/udev/rules.d/60-tactile.rules'
 SLOW, IRREGULAR, NOISY = 0.8, 0.5, 10.0  # of the nominal rate, of a period, of the usual noise
 RARELY = 0.05  # a quiet chip repeats itself now and then
@@ -160,16 +161,14 @@ def show_findings(found: Sequence[Finding], title: str = '') -> None:
 
 
 def run_bag(options: argparse.Namespace) -> int:
-    """Look at a bag, print, repair it where asked, and return 1 where something is wrong."""
+    """Look at a bag, print, repair it where asked, else return 1 where something is wrong."""
     if options.sensor is not None:
         raise ValueError('--sensor must stand without a bag; received both')
-    if options.repair is not None and os.path.lexists(options.repair):
-        raise errors.TactileError(
-            f'--repair must name a new folder; {options.repair} exists already'
-        )
+    if options.repair is not None:
+        refuse_no_new_folder(options.repair, [options.bag])
     with working(f'reading {options.bag}'):
         check = check_bag(options.bag)
-    found = bag_findings(check)
+    found = bag_findings(check, '' if options.repair else ADVICE)
     columns = ('topic', 'type', 'messages', 'rate (Hz)', 'longest pause (s)', 'definition')
     topics = [
         (name, one.type_name, one.messages, one.rate_hz, one.pause_ns * 1e-9, one.schema)
@@ -187,15 +186,14 @@ def run_bag(options: argparse.Namespace) -> int:
         note(f'left out: {sentence}' for sentence in saved.problems)
         total = f'{saved.counts.total()} messages of {len(saved.counts)} topics'
         print(errors.plain(f'bag: {options.repair}, {total}'), file=sys.stderr)
-    return int(any(finding.state == BAD for finding in found))
+    return int(options.repair is None and any(finding.state == BAD for finding in found))
 
 
-def bag_findings(check: BagCheck) -> list[Finding]:
-    """Findings of a bag with remedies."""
+def bag_findings(check: BagCheck, advice: str = '') -> list[Finding]:
+    """Findings of a bag with remedies; `advice` is that of damage that leaves messages."""
     found = [Finding('file', BAD, sentence) for sentence in check.damage]
-    if found:
-        remedy = 'save what can be read: `tactile doctor BAG --repair OUT`'
-        found[-1] = replace(found[-1], remedy=remedy)
+    if found and any(topic.messages for topic in check.topics.values()):
+        found[-1] = replace(found[-1], remedy=advice)
     found += [Finding('replay', BAD, f'leaves out {sentence}') for sentence in check.left_out]
     if check.unused:
         found.append(Finding('replay', NOTE, f'leaves out {", ".join(check.unused)}'))

@@ -26,7 +26,7 @@ from argparse import ArgumentTypeError
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from tactile_ros.cli.console import note, show, working
+from tactile_ros.cli.console import note, refuse_no_new_folder, show, working
 from tactile_ros.errors import plain
 from tactile_ros.evaluation.bag import write_recording
 from tactile_ros.evaluation.export import CsvFile, ParquetFile, write_tables
@@ -76,6 +76,7 @@ def run(options: argparse.Namespace) -> int:
     names = [path.stem for path in bags]
     if len(set(names)) < len(names):
         raise ValueError(f'bags must have different names; received {", ".join(names)}')
+    refuse_no_new_folder(target, bags)
     pipelines = [open_calibration(path) for path in options.calibration]
     with working('exporting'), TemporaryDirectory() as folder:
         bags = [path if path.exists() else shipped(path, Path(folder)) for path in bags]

@@ -12,11 +12,12 @@ example:
 from __future__ import annotations
 
 import argparse
+import shutil
 import time
 from pathlib import Path
 
 from tactile_ros.cli import interruptible
-from tactile_ros.cli.console import refuse_unwritable
+from tactile_ros.cli.console import refuse_no_new_folder, refuse_unwritable
 from tactile_ros.errors import RecordingError, TactileError, plain
 from tactile_ros.evaluation.recording_files import load
 from tactile_ros.nodes.graph import Graph, Process
@@ -36,8 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Start the recorder and wait."""
-    if options.output.exists():
-        raise TactileError(f'{options.output} exists already; name a folder that does not')
+    refuse_no_new_folder(options.output)
     refuse_unwritable(options.output)
     bag = str(options.output.resolve())
     process = Process('record', {'bag': bag}, options.namespace)
@@ -58,13 +58,14 @@ def run(options: argparse.Namespace) -> int:
 
 
 def refuse_empty(bag: Path, namespace: str) -> None:
-    """Raise TactileError, which says where nothing came, if the bag holds no message."""
+    """Remove a bag without a message; TactileError says where nothing came."""
     import yaml
 
     about = yaml.safe_load((bag / 'metadata.yaml').read_text())
     if not about['rosbag2_bagfile_information']['message_count']:
+        shutil.rmtree(bag)
         msg = (
-            f'{bag} is empty, nothing was received in /{namespace}: are sensor_node and '
+            f'{bag} was removed, nothing was received in /{namespace}: are sensor_node and '
             'contact_node running there, with the same ROS_DOMAIN_ID?'
         )
         raise TactileError(msg)

@@ -109,7 +109,7 @@ def load_shown(options: argparse.Namespace) -> Show:
     """Read what was named, before anybody is asked to connect; return what shows it."""
     if options.sensor:
         spec = load_sensor(options.sensor)
-        calibration = open_calibration(options.calibration) if options.calibration else None
+        calibration = spec.load(options.calibration) if options.calibration else None
         return partial(show_sensor, options, spec, calibration)
     if options.recording:
         if not Path(options.recording).exists():

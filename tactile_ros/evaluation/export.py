@@ -75,14 +75,15 @@ class TaxelForces:
 
     def __init__(self, pipelines: Sequence[Pipeline], piece: LoadedRecording) -> None:
         self._follower: Follower | None = None
-        self.why = 'no calibration was named'
+        self.why, self.fits = 'no calibration was named', not pipelines
         for pipeline in pipelines:
             try:
                 pipeline.check_layout(piece.recording)
             except ValueError as err:
-                self.why = str(err)
+                found = piece.recording.layout.sensor or 'this sensor'
+                self.why = f'the calibration is of {pipeline.sensor}, not of {found}: {err}'
                 continue
-            self.why = 'the calibration gives none'
+            self.why, self.fits = 'the calibration gives none', True
             if 'taxel_force' in pipeline.estimators:
                 self._follower, self.why = Follower(pipeline, replace(piece, changes=())), ''
                 return
@@ -221,6 +222,7 @@ class ExportBag(Bag):
     def __init__(self, path: Path) -> None:
         super().__init__(path, frames=PIECE)
         self.exported: set[str] = set()  # topics of others
+        self.fits = False  # a calibration, where some were named, is of one of its sensors
         self.sentences: list[str] = []
 
     def handler(self, topic: str, kind: str) -> Taker | None:
@@ -229,12 +231,15 @@ class ExportBag(Bag):
 
     def note_forces(self, space: str, forces: TaxelForces) -> None:
         """Say why there are no newtons of taxels."""
+        self.fits |= forces.fits
         if forces.why:
             name = self.sensors[space].name
             self.sentences.append(f'{name}: no newtons of taxels: {forces.why}')
 
     def finish(self) -> None:
-        """Say what was not exported."""
+        """Say what was not exported; ValueError where no calibration is of a sensor of the bag."""
+        if not self.fits:
+            raise ValueError('; '.join(self.sentences))
         types = self.content.types.items()
         others = {*self.unused, *(t for t, kind in types if self._role(t, kind) == 'truth')}
         others -= self.exported

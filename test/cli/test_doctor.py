@@ -247,12 +247,20 @@ def test_a_torn_bag_is_repaired_into_a_new_folder(
     data = (bag / 'bag_0.mcap').read_bytes()
     torn.write_bytes(data[: len(data) // 2])
     command = ['doctor', str(torn), '--repair', str(out)]
-    assert main(command) == 1
+    assert main(command[:2]) == 1
+    assert doctor.ADVICE in capsys.readouterr().out
+    assert main(command) == 0
     printed = capsys.readouterr()
+    assert doctor.ADVICE not in printed.out
     assert re.search(r'file +bad +torn.mcap is cut off', printed.out)
     assert 'messages of 2 topics' in printed.err
     assert check_bag(out).damage == ()
     assert main(command) == 1
     assert 'exists already' in capsys.readouterr().err
+    assert main(['doctor', str(bag), '--repair', str(bag / 'saved')]) == 1
+    assert 'is inside' in capsys.readouterr().err
+    torn.write_bytes(b'')
+    assert main(['doctor', str(torn)]) == 1
+    assert doctor.ADVICE not in capsys.readouterr().out  # there is nothing to save
     assert main(['doctor', str(tmp_path / 'nowhere')]) == 1
     assert 'nowhere does not exist' in capsys.readouterr().err

@@ -39,6 +39,8 @@ def test_wrong_use_is_refused_in_a_sentence(
     out = ['--lerobot', str(tmp_path / 'out')]
     assert main(['export', str(bag), str(bag), *out]) == 2
     assert 'different names' in capsys.readouterr().err
+    assert main(['export', str(bag), '--csv', str(bag / 'sub')]) == 1
+    assert f'{bag}/sub is inside {bag}; name a folder outside it' in capsys.readouterr().err
     assert main(['export', 'gone', *out]) == 1
     assert capsys.readouterr().err == 'tactile export: gone does not exist\n'
     with pytest.raises(SystemExit):

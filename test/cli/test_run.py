@@ -80,8 +80,8 @@ def test_record_makes_a_bag_and_says_where_it_is_or_that_nothing_came(
 ) -> None:
     empty, bag = tmp_path / 'empty', tmp_path / 'bag'
     assert main(['record', '-o', str(empty), '--seconds', '0.1']) == 1
-    assert f'{empty} is empty, nothing was received in /:' in capsys.readouterr().err
-    assert (empty / 'metadata.yaml').is_file()
+    assert f'{empty} was removed, nothing was received in /:' in capsys.readouterr().err
+    empty.mkdir()
     assert main(['record', '-o', str(empty)]) == 1
     assert 'exists already' in capsys.readouterr().err
     monkeypatch.setattr('tactile_ros.cli.record.refuse_empty', lambda *_: None)
@@ -154,6 +154,7 @@ def test_record_refuses_a_bag_without_a_message(tmp_path: Path) -> None:
         pass
     with pytest.raises(TactileError, match='nothing was received in /thumb'):
         record.refuse_empty(tmp_path / 'bag', 'thumb')
+    assert not (tmp_path / 'bag').exists()  # the same command can be given again
     with BagWriter(tmp_path / 'other') as other:
         other.write('/label', 'std_msgs/msg/String', 1, b'\0' * 8)
     record.refuse_empty(tmp_path / 'other', '')

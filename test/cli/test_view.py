@@ -61,6 +61,9 @@ def test_a_csv_has_the_layout_of_the_calibration(
     assert main(words) == 1
     assert 'name the sensor or a calibration' in capsys.readouterr().err
     assert main([*words, '--calibration', str(board_files / 'a.npz')]) == 0
+    words = ['view', '--sensor', 'gradiometer', *words[2:], '--calibration']
+    assert main([*words, str(board_files / 'a.npz')]) == 1
+    assert "must be of gradiometer; it is of 'reskin_board'" in capsys.readouterr().err
 
 
 def test_a_twin_says_about_how_long_it_learns(

@@ -71,6 +71,8 @@ class Fitting:
 
 
 class Other(Fitting):
+    sensor = 'other_pad'
+
     def check_layout(self, _: object) -> None:
         msg = 'another shape'
         raise ValueError(msg)
@@ -85,8 +87,8 @@ def test_newtons_of_taxels_are_written_where_a_calibration_gives_them(
     with (tmp_path / 'out' / 'bag' / 'sensor' / 'forces.csv').open() as file:
         row = next(csv.DictReader(file))
     assert [row[f'taxel_force_{axis}_4'] for axis in 'xyz'] == ['', '', '0.5']
-    done = write_tables([bag], tmp_path / 'other', CsvFile, [Other()])
-    assert 'bag: sensor: no newtons of taxels: another shape' in done.notes
+    with pytest.raises(ValueError, match='is of other_pad, not of reskin_board: another shape'):
+        write_tables([bag], tmp_path / 'other', CsvFile, [Other()])
 
 
 def test_nothing_is_written_over_or_left_behind(
