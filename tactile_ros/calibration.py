@@ -31,7 +31,7 @@ from tactile_ros.files import write_atomically
 
 Arrays = dict[str, npt.NDArray[np.generic]]
 SCHEMA = 3
-MARK = b'schema.npy'  # in every calibration and every saved evaluation
+MARK = b'sensor.scalar.npy'  # in every calibration
 MOST_MEMBERS = 20_000
 MOST_BYTES = 512 * 1024 * 1024
 MOST_DIRECTORY_BYTES = 300 * MOST_MEMBERS

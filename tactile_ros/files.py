@@ -93,6 +93,13 @@ def refuse_special(path: Path) -> None:
         raise TactileError(msg)
 
 
+def refuse_misfit(path: Path, mark: bytes) -> None:
+    """Raise TactileError where a file is there without the mark of those that replace it."""
+    if path.is_file() and path.stat().st_size and mark not in path.read_bytes():
+        msg = f'{path} is a file of another kind; name another one, or give a command --overwrite'
+        raise TactileError(msg)
+
+
 def _umask() -> int:
     """Permissions that new files do not get; read without setting where the system can say."""
     with suppress(OSError, StopIteration, ValueError), Path('/proc/self/status').open() as lines:

@@ -10,18 +10,20 @@ from __future__ import annotations
 import os
 import warnings
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 
+from tactile_ros.calibration import MARK
 from tactile_ros.errors import RecordingError, TactileError
 from tactile_ros.evaluation import fleet, recording_files
 from tactile_ros.evaluation.recording_files import LoadedRecording
 from tactile_ros.evaluation.replay import check_learned, replay, with_known_rests, with_tare_rows
 from tactile_ros.evaluation.report import Result, provenance
+from tactile_ros.files import refuse_misfit
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors.registry import SensorSpec, fit_layout, load_sensor
 from tactile_ros.types import Bools, ContactStates, Integers, Recording, SensorConfig
 
-RECORDING_MARK, CALIBRATION_MARK = b'recording_schema.npy', b'sensor.scalar.npy'  # in an .npz
 BAGS, FILES = ('.mcap', '.db3', '.zstd'), ('.npz', '.csv')
 
 
@@ -55,6 +57,11 @@ class Calibration(Pipeline):
         super().fit(*with_known_rests(recordings))
         check_learned(self, recordings)
         return self
+
+    def save(self, path: str | Path) -> None:
+        """Write it to one .npz, atomically; TactileError where a file of another kind is."""
+        refuse_misfit(Path(path), MARK)
+        super().save(path)
 
     def process_batch(self, recording: Recording) -> ContactStates:
         """Estimate from every frame of a recording; in a bag on the baselines of its run.
@@ -134,7 +141,7 @@ def load(
         Key of the sensor, for what has no layout: a .csv, or some bags.
     """
     place = Path(path)
-    if _holds(place, CALIBRATION_MARK):
+    if _holds(place, MARK):
         return Calibration.of(fleet.open_calibration(place))
     if place.is_dir() and not _is_bag(place):
         return _folder(place, sensor)
@@ -181,7 +188,8 @@ def _folder(folder: Path, sensor: str) -> dict[str, Recording]:
     found: dict[str, Recording] = {}
     failed = []
     for place in sorted(folder.iterdir()):
-        if not (place.suffix == '.csv' or _is_bag(place) or _holds(place, RECORDING_MARK)):
+        own = _holds(place, recording_files.MARK)
+        if not (own or place.suffix == '.csv' or _is_bag(place)):
             continue
         try:
             inside = _recordings(place, sensor)
@@ -198,6 +206,4 @@ def _folder(folder: Path, sensor: str) -> dict[str, Recording]:
     return found
 
 
-def _warn(sentence: str) -> None:
-    """Warn of what the caller of this module should know."""
-    warnings.warn(sentence, stacklevel=3)
+_warn = partial(warnings.warn, stacklevel=2)  # the caller of this module

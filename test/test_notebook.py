@@ -15,6 +15,7 @@ import tactile_ros as tr
 from benchmarks.replay import write_bag
 from reference.help_examples import ROOT, blocks
 from tactile_ros.errors import MissingPackageError, RecordingError
+from tactile_ros.evaluation.recording_files import load_recording
 from tactile_ros.notebook import BagRecording, Calibration
 from tactile_ros.sensors import load_sensor
 
@@ -157,6 +158,18 @@ def test_load_decides_from_what_there_is(
     with pytest.raises(tr.TactileError, match=r"own.npz is of sensor 'my_pad'.*TACTILE_SENSORS"):
         tr.load(tmp_path / 'own.npz')
     (tmp_path / 'own.npz').unlink()
+    places = {'position': 1e3 * presses.truth['position']}
+    tr.save_recording(replace(presses, truth=places), tmp_path / 'mm.npz')
+    with pytest.warns(UserWarning, match='mm: 620 true places are far outside of the taxels'):
+        tr.load(tmp_path / 'mm.npz')
+    (tmp_path / 'mm.npz').unlink()
+    tr.save_recording(presses, tmp_path / 'presses.npz')
+    with pytest.raises(tr.TactileError, match=r'board.npz is a file of another kind'):
+        tr.save_recording(presses, tmp_path / 'board.npz')
+    with pytest.raises(tr.TactileError, match=r'presses.npz is a file of another kind'):
+        board.save(tmp_path / 'presses.npz')
+    with pytest.raises(RecordingError, match=r'board.npz is a calibration, no recording'):
+        load_recording(tmp_path / 'board.npz')
     tr.save_recording(presses, tmp_path / 'presses.npz')
     assert repr(tr.load(tmp_path / 'presses.npz')) == repr(presses)
     (tmp_path / 'bag').symlink_to(bag)
@@ -188,9 +201,9 @@ def test_fit_takes_the_chips_of_a_recording_or_refuses_it(presses: tr.Recording)
         sensor.fit(replace(presses, truth={}))
     counts = replace(presses, values=1e6 * np.sign(presses.values))
     reached = f'{len(counts)} rows with a reading at or above `saturation` \\['
-    with pytest.raises(RecordingError, match=rf'rows, truth has .*; left out: {reached}'):
+    with pytest.raises(RecordingError, match=rf'rows: truth has .*; left out: {reached}'):
         sensor.fit(counts)
-    with pytest.raises(RecordingError, match=r'learned from these recordings: 1 rows, .*\w$'):
+    with pytest.raises(RecordingError, match=r'learned from 1 rows: .*\w$'):
         sensor.fit(presses.select(slice(0, 1)))
     with pytest.raises(ValueError, match='at least one Recording'):
         sensor.fit()

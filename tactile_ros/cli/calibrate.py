@@ -110,7 +110,7 @@ def run(options: argparse.Namespace) -> int:
 
     with console.working(f'fitting {spec.key}', part=part):
         pipeline.fit(*known)
-    check_learned(pipeline, known, ', '.join(options.recordings))
+    check_learned(pipeline, known)
     pipeline.save(options.output)
     print_fit(pipeline, options, time.perf_counter() - began)
     return 0

@@ -22,7 +22,7 @@ import numpy as np
 
 from tactile_ros.errors import TactileError, plain
 from tactile_ros.evaluation.figures import check_png
-from tactile_ros.files import read_yaml, refuse_special
+from tactile_ros.files import read_yaml, refuse_misfit, refuse_special
 from tactile_ros.sensors import SensorSpec
 from tactile_ros.types import Closing, SensorConfig, Table
 from tactile_ros.types.contracts import Cell
@@ -185,10 +185,8 @@ def refuse_unwritable(path: Path, mark: bytes = b'', *, overwrite: bool = True) 
     """
     try:
         refuse_special(path)
-        held = path.read_bytes() if path.is_file() and not overwrite else b''
-        if held and mark not in held:
-            msg = f'{path} was not written by this command; name another file, or --overwrite'
-            raise TactileError(msg)
+        if not overwrite:
+            refuse_misfit(path, mark)
         folder = next(place for place in path.absolute().parents if place.exists())
         with tempfile.TemporaryFile(dir=folder):
             pass

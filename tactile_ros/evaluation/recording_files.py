@@ -40,6 +40,7 @@ from tactile_ros.evaluation.truth import (
     merged,
     nearest_of_key,
 )
+from tactile_ros.files import refuse_misfit
 from tactile_ros.messages import read_layout
 from tactile_ros.sensors import SensorSpec
 from tactile_ros.types import (
@@ -56,8 +57,7 @@ from tactile_ros.types import (
     field_shape,
 )
 
-SCHEMA = 1
-MOST_MEMBERS = 64
+SCHEMA, MARK = 1, b'recording_schema.npy'  # the second in every .npz
 MOST_BYTES = 2 << 30
 MOST_ROWS = 5_000_000
 NS_PER_S = 1_000_000_000
@@ -122,6 +122,15 @@ class LoadedRecording:
         return np.unique(self.contacts.rows)
 
 
+def _far_places(recording: Recording) -> list[str]:
+    """Sentence on true places farther from the taxels than these from one another."""
+    places, taxels = recording.truth.get('position', np.empty((0, 3))), recording.layout.positions
+    low, high = taxels.min(axis=0), taxels.max(axis=0)
+    reach = (high - low).max() or 0.1  # m, of a lone taxel
+    far = int(((places < low - reach) | (places > high + reach)).any(axis=1).sum())
+    return [f'{far} true places are far outside of the taxels; are they in metres?'] * (far > 0)
+
+
 @dataclass(frozen=True)
 class Loaded:
     """Everything that was read at one path; `problems` concern the whole of it."""
@@ -132,7 +141,8 @@ class Loaded:
     @property
     def sentences(self) -> list[str]:
         """All problems, those of each recording under its name."""
-        inner = [f'{r.name}: {text}' for r in self.recordings for text in r.problems]
+        parts = [(r.name, (*r.problems, *_far_places(r.recording))) for r in self.recordings]
+        inner = [f'{name}: {text}' for name, texts in parts for text in texts]
         return [*self.problems, *inner]
 
 
@@ -509,6 +519,7 @@ class SensorBag:
 
 def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     """Write a recording with its layout and truth into one .npz; every array is kept as it is."""
+    refuse_misfit(Path(path), MARK)
     columns = {
         'recording_schema': SCHEMA,
         **{name: column for name, column in vars(recording).items() if name in _COLUMNS},
@@ -527,12 +538,13 @@ def load_recording(path: str | os.PathLike[str]) -> Recording:
     """
     file = Path(path)
     try:
-        arrays = calibration.plain_arrays(file, MOST_MEMBERS, MOST_BYTES)
+        arrays = calibration.plain_arrays(file, calibration.MOST_MEMBERS, MOST_BYTES)
     except calibration.DAMAGE as err:
         msg = f'{file} cannot be read as plain arrays: {str(err) or type(err).__name__}'
         raise RecordingError(msg) from err
     if arrays.get('recording_schema', np.array(0)).tolist() != SCHEMA:
-        msg = f'{file} is no recording of tactile_ros (schema {SCHEMA})'
+        kind = 'a calibration, ' if 'sensor.scalar' in arrays else ''
+        msg = f'{file} is {kind}no recording of tactile_ros (schema {SCHEMA})'
         raise RecordingError(msg)
 
     def named(prefix: str) -> Columns:

@@ -490,12 +490,9 @@ def left_out(pipeline: Pipeline) -> str:
     return said and f'left out: {said}'
 
 
-def check_learned(
-    pipeline: Pipeline, recordings: Sequence[Recording], named: str = 'these recordings'
-) -> None:
+def check_learned(pipeline: Pipeline, recordings: Sequence[Recording]) -> None:
     """Raise RecordingError, with what there was, where a fit learned nothing."""
     if not pipeline.calibrated:
         names = ', '.join(sorted({name for one in recordings for name in one.truth})) or 'nothing'
-        there = f'{sum(map(len, recordings))} rows, truth has {names}'
-        parts = (f'nothing can be learned from {named}: {there}', left_out(pipeline))
-        raise RecordingError('; '.join(filter(None, parts)))
+        msg = f'nothing can be learned from {sum(map(len, recordings))} rows: truth has {names}'
+        raise RecordingError('; '.join(filter(None, (msg, left_out(pipeline)))))

@@ -60,7 +60,7 @@ def test_benches_as_json_are_alone_on_stdout(
     assert '  seeds [1]; ' in capsys.readouterr().out
     (tmp_path / 'roads.json').write_text('mine')
     assert main(words) == 1
-    assert 'roads.json was not written by this command' in capsys.readouterr().err
+    assert 'roads.json is a file of another kind' in capsys.readouterr().err
     assert (tmp_path / 'roads.json').read_text() == 'mine'
     assert main([*words, '--overwrite']) == 0
     # a report of it has nothing to draw

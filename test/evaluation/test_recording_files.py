@@ -72,7 +72,7 @@ def saved(**arrays: np.ndarray) -> bytes:
     [
         (saved(values=np.array([Trap()], object)), 'no plain array'),
         (saved(x=np.zeros(3)), 'no recording of tactile_ros'),
-        (saved(**{f'a{k}': np.zeros(1) for k in range(65)}), 'at most 64 members .* received 65'),
+        (saved(**{f'a{k}': np.zeros(1) for k in range(65)}), 'is no recording of tactile_ros'),
     ],
     ids=['pickle', 'other', 'members'],
 )
