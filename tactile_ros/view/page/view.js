@@ -163,8 +163,8 @@ class Card {
       pen.globalAlpha = 1; pen.strokeStyle = stroke; pen.lineWidth = 1.8; pen.beginPath();
       points.forEach((p) => pen.lineTo(x(p.t), y(p.force[k]))); pen.stroke();
       const f = this.frame.force[k], s = this.frame.sigma[k];
-      const narrow = w < left + 3 * 118;
-      pen.fillText(`F${'xyz'[k]} ${f === null ? '–' : f.toFixed(2)}${s === null || narrow ? '' : ` ± ${s.toFixed(2)}`} N`, left + 6 + place * (narrow ? 70 : 118), 13);
+      const narrow = w < left + 3 * 124, digits = s !== null && s < 0.01 ? 3 : 2;
+      pen.fillText(`F${'xyz'[k]} ${f === null ? '–' : f.toFixed(digits)}${s === null || narrow ? '' : ` ± ${short(s, 1)}`}`, left + 6 + place * (narrow ? 70 : 124), 13);
     });
   }
 
