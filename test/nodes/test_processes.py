@@ -12,9 +12,11 @@ from pathlib import Path
 
 import pytest
 
+from tactile_ros.calibration import MOST_MEMBERS
 from tactile_ros.errors import TactileError
 from tactile_ros.nodes.graph import Graph, Process
 from tactile_ros.nodes.processes import STARTED_BY, Running
+from tactile_ros.sensors import load_sensor
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE_S = 120.0
@@ -72,6 +74,41 @@ def test_a_stop_while_a_node_starts_is_no_traceback() -> None:
     with Running(Graph((Process('sensor_node'),))) as running:
         running.stop()
     assert running.lines['sensor_node'] == []
+
+
+@pytest.fixture(scope='module')
+def large(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A calibration that takes seconds to load: nearly as many members as a file may hold."""
+    path = tmp_path_factory.mktemp('large') / 'large.npz'
+    pipeline = load_sensor('gradiometer').pipeline()
+    pipeline.left_out_ = {str(i): 0.0 for i in range(MOST_MEMBERS - 1000)}
+    pipeline.save(path)
+    return path
+
+
+def reads(child: subprocess.Popen[str], path: Path) -> bool:
+    """A process has a file open."""
+    try:
+        return path in [link.readlink() for link in Path(f'/proc/{child.pid}/fd').iterdir()]
+    except FileNotFoundError:  # one was closed meanwhile
+        return False
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('executable', ['contact_node', 'stack'])
+def test_a_signal_amid_a_long_configure_ends_a_node_within_a_second(
+    executable: str, number: int, large: Path
+) -> None:
+    values = {'sensor': 'gradiometer', 'calibration': str(large), 'simulated': True}
+    with Running(Graph((Process(executable, values),))) as running:
+        child = running.children[executable]
+        until = time.monotonic() + PATIENCE_S
+        while not reads(child, large):
+            assert time.monotonic() < until, running.lines
+            time.sleep(1e-3)
+        child.send_signal(number)
+        assert child.wait(1.0) == 0
+    assert running.lines[executable] == []
 
 
 def test_who_waits_hears_what_the_others_said_and_many_signals_end_a_node_as_one() -> None:
