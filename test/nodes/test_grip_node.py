@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import re
+from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
@@ -39,6 +40,7 @@ from tactile_ros.nodes.grip_node import (
 )
 from tactile_ros.nodes.lifecycle import ManagedNode, qos
 from tactile_ros.nodes.mock_hand_node import MockHandNode
+from tactile_ros.nodes.record_node import RecordNode
 
 if TYPE_CHECKING:
     from conftest import Ros
@@ -51,6 +53,7 @@ URDF = (
     '<robot name="qb"><joint name="qbhand1_synergy_joint" type="revolute"><parent link="p"/>'
     '<child link="h"/><limit lower="0" upper="0.35" velocity="100" effort="100"/></joint></robot>'
 )
+FINGERS = 'thumb', 'index', 'middle'
 THUMB_FIRST = [f'ah_joint{f}{j}' for f in range(4) for j in range(4)]
 
 
@@ -535,6 +538,25 @@ def test_a_goal_that_no_driver_would_hear_of_is_refused_with_what_to_type(
     mock.trigger_cleanup()
     assert ros.until(lambda: 'nothing listens to' in grip._link.refusal)
     assert not fingers.ask(ros, 1.0).accepted
+
+
+def test_control_keeps_the_newest_and_the_recorder_all(ros: Ros, tmp_path: Path) -> None:
+    # by the nodes' own profiles: DDS names no depth in what it discovers
+    ros.init('hand:=qb_softhand', f'bag:={tmp_path / "bag"}')
+    nodes = [ros.add(kind()) for kind in (GripNode, MockHandNode, RecordNode)]
+    lifecycle.start(nodes)
+    control, board, recorder = (
+        {end.topic_name: end.qos_profile.depth for end in node.subscriptions} for node in nodes
+    )
+    (command,) = (topic for topic in board if topic.endswith('joint_trajectory'))
+    fingers = {f'/{finger}/{topic}' for finger in FINGERS for topic in ('contacts', 'baseline')}
+    assert control.keys() == {*fingers, '/qbhand1/joint_states', '/robot_description'}
+    assert {control[topic] for topic in fingers} == {1}
+    assert 1 <= max(control.values()) <= 5
+    assert 1 <= board[command] <= 5
+    sent = {end.topic_name: end.qos_profile.depth for end in nodes[0].publishers}
+    assert 1 <= sent[command] <= 5
+    assert {recorder[topic] for topic in ('/frame', '/contacts')} == {1000}
 
 
 def test_it_can_be_deactivated_and_activated_again(ros: Ros) -> None:
