@@ -161,13 +161,10 @@ class ManagedNode(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Run configure; a refusal is logged as one sentence."""
-        self.is_configuring = True
-        try:
+        self.is_configuring, done = True, False
+        with suppress(KeyboardInterrupt):
             done = self._tried(self.configure)
-        except KeyboardInterrupt:
-            done = False
-        finally:
-            self.is_configuring = False
+        self.is_configuring = False
         if not done:
             self._tried(self.cleanup)
             return FAILURE
