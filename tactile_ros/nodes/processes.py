@@ -157,7 +157,8 @@ def declared(defaults: object) -> list[DeclareLaunchArgument]:
         is_switch = isinstance(default, bool)
         value = str(default).lower() if is_switch else str(default)
         limits = list(TRUE_OR_FALSE if is_switch else choices) or None
-        arguments.append(DeclareLaunchArgument(name, value, description=text, choices=limits))
+        told = {'default_value': value, 'description': text, 'choices': limits}
+        arguments.append(DeclareLaunchArgument(name, **told))
     return arguments
 
 

@@ -41,7 +41,7 @@ class Argument:
     """Stands in for DeclareLaunchArgument."""
 
     def __init__(
-        self, name: str, default_value: str, description: str, choices: list | None = None
+        self, name: str, *, default_value: str, description: str, choices: list | None = None
     ) -> None:
         self.name, self.description = name, description
         self.default_value = [Text(default_value)]
