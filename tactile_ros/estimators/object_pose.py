@@ -543,6 +543,7 @@ class ObjectPose:
         """Descend with coarse or fine points; `even`: the load of a flat part has no tilt."""
         points = self.fine if fine else self.coarse
         fields = self.objects[int(fine)][index]
+        state = np.append(state, np.zeros(3 + fields.count - len(state)))  # coarse ones are fewer
         chosen = self._near(fields.span, state)
         free = 2 if fields.order == 0 else 3
         size = self.step if fine else self.width
@@ -597,18 +598,13 @@ class ObjectPose:
             if all(self._separation(pose, o) > 0.3 for o in others):
                 finals.append(end)
         finals = [
-            self._descend(True, index, self._refined(index, end.state), y, variance, top, even)
+            self._descend(True, index, end.state, y, variance, top, even)
             for end in finals
             for index, label in enumerate(self.labels)  # one for each profile of contact
             if label == self.labels[end.index]
             for even in self._loadings(index)
         ]
         return self._verdict(finals, y, variance, top)
-
-    def _refined(self, index: int, state: Array) -> Array:
-        """State with the amounts that coarse fields lack."""
-        fields = self.objects[1][index]
-        return np.append(state, np.zeros(3 + fields.count - len(state)))
 
     def _loadings(self, index: int) -> tuple[bool, ...]:
         """Loads of a flat part, even or not, that are tried: few taxels determine no tilt."""

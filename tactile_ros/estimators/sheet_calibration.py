@@ -236,7 +236,7 @@ class SheetCalibration:
         for number in range(rounds):
             normal, gradient = np.diag(1 / self.prior**2), -self.theta / self.prior**2
             if rest is not None:
-                slopes, sigma = self._rest_slopes(rest)
+                slopes, sigma = self._rest_slopes()
                 residual = self._rest_residual(rest).ravel() / sigma
                 normal += slopes @ slopes.T / sigma**2
                 gradient += slopes @ residual / sigma
@@ -293,7 +293,7 @@ class SheetCalibration:
         made = self.model.rest() + np.einsum('tij,j->ti', self.model.responses, stray)
         return np.asarray(rest - made)
 
-    def _rest_slopes(self, rest: Array) -> tuple[Array, float]:
+    def _rest_slopes(self) -> tuple[Array, float]:
         """Slopes (parameters, t 3) of resting readings, and their deviation."""
         model, sheet = self.model, self.model.sheet
         field = sheet.field(model.chips)
