@@ -32,6 +32,7 @@ FOLDER = Path(__file__).parents[1]
 STEPS = {'quick': 2_000, 'normal': 20_000, 'full': 50_000}
 WARM_S = 1.5
 PLAIN = "stack, polynomial of the disc's place"
+FLOOR, THREE = 'floor: port read, command by bare rclpy', 'three nodes over DDS'
 BINS_MS = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0, np.inf)
 SHOWN_MS = np.linspace(0.0, 20.0, 81)  # of the drawing
 LATE_S = 1e-3  # beyond the aim
@@ -78,6 +79,19 @@ class Measured(Process):
 
 
 @dataclass(frozen=True)
+class Floor(Process):
+    """What no node can do without: bytes are read, and a command is published for each frame."""
+
+    port: str = ''
+    threads: str = ''
+
+    def command(self) -> list[str]:
+        """Command line."""
+        entry = NOTE.format(folder=str(FOLDER), threads=self.threads)
+        return [sys.executable, '-c', f'{entry}grip_rig.floor({self.port!r}, {self.threads!r})']
+
+
+@dataclass(frozen=True)
 class Run:
     """Delays (s) to sending and to receiving of one run, and cost.
 
@@ -108,7 +122,7 @@ def run(extent: str, command: str) -> BenchResult:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         plain = grip_rig.gradiometer_scene(folder / 'plain', estimator='polynomial')
-        runs = {PLAIN: measure(folder / 'plain', plain, seconds)}
+        runs = {name: measure(folder / 'plain', plain, seconds, name) for name in (FLOOR, PLAIN)}
         if extent == 'quick':
             notes.append('quick: the polynomial in one process alone')
         else:
@@ -117,12 +131,15 @@ def run(extent: str, command: str) -> BenchResult:
                 'stack': measure(folder, fast, seconds),
                 'stack, a second busy thread': measure(folder, fast, seconds, busy=True),
                 'stack, a service is called': measure(folder, fast, seconds, called=True),
-                'three nodes over DDS': measure(folder, fast, seconds, stack=False),
+                THREE: measure(folder, fast, seconds, THREE),
                 f'stack, 4 fingers x {grip_rig.CHIPS} chips at 100 Hz':
                     measure(folder, slow, seconds),
             }  # fmt: skip
     for what, found in runs.items():
         rows += _rows(what, found)
+        if what.startswith('stack') and not what.endswith('Hz'):
+            over = 1e3 * (spread(found.delay).p99 - spread(runs[FLOOR].delay).p99)
+            rows.append(Row(f'{what}: delay p99 over the floor', 'ms', over, aim=0.5))
         notes.append(f'{what}: {_histogram(found)}; {found.waited}')
     rows.append(step_row(STEPS[extent]))
     lines = {
@@ -136,7 +153,7 @@ def run(extent: str, command: str) -> BenchResult:
 def _rows(what: str, run: Run) -> list[Row]:
     """Figures of one run; None where there is none, and the notes say why."""
     found = spread(run.delay)
-    fast, own = 'chips' not in what, 'three' not in what
+    fast, own = 'chips' not in what, what.startswith('stack')
     quiet = 'busy' not in what and 'called' not in what
     figures = (
         ('delay p50', 'ms', 1e3 * found.p50, None),
@@ -169,7 +186,7 @@ def _histogram(run: Run) -> str:
 
 
 def measure(
-    folder: Path, scene: Scene, seconds: float, *, stack: bool = True, busy: bool = False,
+    folder: Path, scene: Scene, seconds: float, what: str = 'stack', *, busy: bool = False,
     called: bool = False,
 ) -> Run:  # fmt: skip
     """One run of the nodes between boards and hand."""
@@ -179,7 +196,7 @@ def measure(
         asking = held.enter_context(Helper(grip_rig.caller)) if called else None
         ports, noted = board.hear(), folder / 'threads'
         noted.write_text('', 'ascii')
-        graph = _graph(folder, scene, ports, str(noted), stack, busy)
+        graph = _graph(folder, scene, ports, str(noted), what, busy)
         with Running(graph, {**QUIET, 'OMP_NUM_THREADS': '1'}) as running:
             with suppress(TimeoutError):  # too slow for any command: said by the rows
                 hand.hear()
@@ -219,13 +236,15 @@ def _delays(
 
 
 def _graph(
-    folder: Path, scene: Scene, ports: list[str], threads: str, stack: bool, busy: bool
+    folder: Path, scene: Scene, ports: list[str], threads: str, what: str, busy: bool
 ) -> Graph:
     """Everything in one process, or three of them with the first finger; the reader comes last."""
+    if what == FLOOR:
+        return Graph((Floor('floor', port=ports[0], threads=threads),))
     both = {'hand': 'allegro_v5', 'input_rate_hz': scene.rate_hz}
     sensor = {'sensor': scene.sensor, **scene.values}
     calibrations, finger = folder / scene.sensor, scene.fingers[0]
-    if stack:
+    if what != THREE:
         values = {**both, **sensor, 'ports': ports, 'calibrations': str(calibrations)}
         return Graph((Measured('stack', values, heard=scene.heard, threads=threads, busy=busy),))
     grip = {**both, 'rate_hz': scene.rate_hz}

@@ -11,8 +11,10 @@ of its functions a thread sleeps is looked at again and again, from another proc
 from __future__ import annotations
 
 import dataclasses
+import os
 import struct
 import time
+import tty
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
@@ -246,6 +248,35 @@ class Hand:
             if self._grasp.server_is_ready():
                 self._grasp.send_goal_async(self._goal)
             self._asked_s = now_s
+
+
+def floor(port: str, threads: str) -> None:
+    """Read a gradiometer's frames and publish a command for each by rclpy alone, until killed.
+
+    Its stamp is the board's time, on this clock by the quickest frame so far.
+    """
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+    from sensor_msgs.msg import JointState
+
+    from tactile_ros.hands import load_hand
+
+    Path(threads).write_text(str(get_native_id()), 'ascii')
+    layout, waiting, ahead_ns = gradiometer().frame, b'', 1 << 62
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    publisher = rclpy.create_node('floor').create_publisher(JointState, COMMANDS, 3)
+    message = JointState(name=list(load_hand('allegro_v5').driver.joints), position=[0.0] * 16)
+    board = os.open(port, os.O_RDWR | os.O_NOCTTY)
+    tty.setraw(board)
+    while True:
+        waiting += os.read(board, 4096)
+        while len(waiting) >= layout.itemsize:
+            one, waiting = waiting[: layout.itemsize], waiting[layout.itemsize :]
+            time_ns = 1000 * int(np.frombuffer(one, layout)['time_us'][0])
+            ahead_ns = min(ahead_ns, time.time_ns() - time_ns)
+            stamp = message.header.stamp
+            stamp.sec, stamp.nanosec = divmod(time_ns + ahead_ns, NS)
+            publisher.publish(message)
 
 
 def caller(pipe: Connection) -> None:
