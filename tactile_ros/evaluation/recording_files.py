@@ -611,7 +611,7 @@ def _csv_columns(file: Path) -> dict[str, list[str]]:
         msg = f'{file} cannot be read: it is no file'
         raise RecordingError(msg)
     try:
-        with file.open(newline='', encoding='utf-8') as opened:
+        with file.open(newline='', encoding='utf-8-sig') as opened:
             rows = list(islice(csv.reader(opened), MOST_ROWS + 1))
     except OSError as err:
         msg = f'{file} cannot be read: {err.strerror}'
@@ -624,9 +624,9 @@ def _csv_columns(file: Path) -> dict[str, list[str]]:
         raise RecordingError(msg)
     names = [name.strip() for name in rows[0]]
     wrong = next((n for n, row in enumerate(rows, 1) if row and len(row) != len(names)), None)
-    if wrong is not None or len(set(names)) != len(names):
+    if wrong is not None or len(set(names)) != len(names) or ';' in names[0]:
         where = f'line {wrong}' if wrong else 'the header'
-        msg = f'{file}: {where} does not fit the {len(names)} columns'
+        msg = f'{file}: {where} does not fit the {len(names)} columns that commas separate, not ;'
         raise RecordingError(msg)
     body = [row for row in rows[1:] if row]
     return {name: [row[i].strip() for row in body] for i, name in enumerate(names)}

@@ -99,7 +99,9 @@ def test_csv_gives_the_same_recording(recording: Recording, tmp_path: Path) -> N
     (tmp_path / 'a.csv').write_text('\n'.join(lines))
     assert_same(load(tmp_path / 'a.csv', LAYOUT).recordings[0].recording, recording)
     single = Layout(np.zeros((1, 3)), ('u',), '1')
-    (tmp_path / 's.csv').write_text('time_s,u_0\n1743468220.123456789,0.5\n1743468221,0.25\n')
+    (tmp_path / 's.csv').write_text(
+        '\ufefftime_s,u_0\n1743468220.123456789,0.5\n1743468221,0.25\n'
+    )
     stamps = load(tmp_path / 's.csv', single).recordings[0].recording.stamp_ns
     assert stamps.tolist() == [1743468220123456789, 1743468221000000000]
     os.mkfifo(tmp_path / 'pipe.csv')
@@ -129,8 +131,11 @@ def put(tmp_path: Path) -> Iterator[Put]:
     ('text', 'sentence'),
     [
         ('', 'no rows'), ('u_0\n', 'no rows'), ('u_0,u_0\n1,2\n', 'header does not fit'),
-        ('u_0\n1,2\n', 'line 2'), ('u_0\nred\n', 'red'), ('w\n1\n', "'u_0' is missing"),
+        ('u_0\n1,2\n', 'line 2'),
+        ('u_0\nred\n', 'red'),
+        ('w\n1\n', "'u_0' is missing"),
         ('u_0,colour\n1,2\n', "'colour' is not known"),
+        ('u_0;tare\n1;2\n', 'the header does not fit the 1 columns that commas separate, not ;'),
         ('u_0,stamp_ns\n1,99999999999999999999999\n', 'no recording'),
     ],
 )  # fmt: skip
