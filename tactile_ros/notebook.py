@@ -188,8 +188,7 @@ def _folder(folder: Path, sensor: str) -> dict[str, Recording]:
     found: dict[str, Recording] = {}
     failed = []
     for place in sorted(folder.iterdir()):
-        own = _holds(place, recording_files.MARK)
-        if not (own or place.suffix == '.csv' or _is_bag(place)):
+        if not (place.suffix == '.csv' or _is_bag(place) or _holds(place, recording_files.MARK)):
             continue
         try:
             inside = _recordings(place, sensor)

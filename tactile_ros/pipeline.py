@@ -421,9 +421,8 @@ class Pipeline:
     ) -> dict[str, float]:
         """Counts of what a fit did not learn from, and of truth that it did not learn."""
         whole, clipped = faults.usable_rows(bits), ((bits & faults.SATURATED) > 0).any(axis=1)
-        above = f'rows with a reading at or above `saturation` {self.layout.saturation}'
         counts = {
-            above: int(clipped.sum()),
+            f'rows at or above `saturation` {self.layout.saturation}': int(clipped.sum()),
             'rows with a faulty taxel': int((~whole & ~clipped).sum()),
             'rows without a baseline': int((whole & ~good).sum()),
         }

@@ -200,7 +200,7 @@ def test_fit_takes_the_chips_of_a_recording_or_refuses_it(presses: tr.Recording)
     with pytest.raises(RecordingError, match=r'nothing can be learned .* truth has nothing'):
         sensor.fit(replace(presses, truth={}))
     counts = replace(presses, values=1e6 * np.sign(presses.values))
-    reached = f'{len(counts)} rows with a reading at or above `saturation` \\['
+    reached = f'{len(counts)} rows at or above `saturation` \\['
     with pytest.raises(RecordingError, match=rf'rows: truth has .*; left out: {reached}'):
         sensor.fit(counts)
     with pytest.raises(RecordingError, match=r'learned from 1 rows: .*\w$'):

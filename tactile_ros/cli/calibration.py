@@ -29,7 +29,7 @@ MOST_SHOWN = 60  # characters of a value
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `tactile calibration`."""
-    parser.add_argument('what', choices=('show',), help='what is done with the file')
+    parser.add_argument('what', choices=('show',), metavar='show', help='print what it holds')
     parser.add_argument('file', type=Path, help='calibration file (.npz)')
     parser.add_argument('--json', action='store_true', help='print it as JSON')
 

@@ -118,10 +118,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def duration(text: str) -> float:
-    """Seconds, at most an hour."""
+    """Seconds above 0, at most an hour."""
     seconds = float(text)
-    if not 0 <= seconds <= LONGEST_S:
-        raise ArgumentTypeError(f'seconds must be 0 to {LONGEST_S}; received {text}')
+    if not 0 < seconds <= LONGEST_S:
+        raise ArgumentTypeError(f'seconds must be above 0, at most {LONGEST_S}; received {text}')
     return seconds
 
 
@@ -251,7 +251,7 @@ def serial_ports(names: Sequence[str], root: Path = Path('/')) -> list[Finding]:
         if timer.is_file():
             found.append(latency(path.name, timer))
     return found or [
-        Finding('serial ports', NOTE, 'this machine has none', 'plug a board in, if you have one')
+        Finding('serial ports', NOTE, 'none, but for any /dev/ttyS', 'plug a board in')
     ]
 
 
@@ -365,7 +365,7 @@ def examine(options: argparse.Namespace) -> list[Finding]:
             return [Finding(spec.key, BAD, 'cannot be read', str(err))]
     kind = 'simulated twin' if options.simulated else 'sensor'
     what = f'{kind}, {len(check.frames)} frames in {options.seconds:g} s'
-    return [Finding(spec.key, NOTE, what), *findings(check)]
+    return [Finding(spec.key, NOTE, what)] * bool(check.frames) + findings(check)
 
 
 def _pair(text: str) -> tuple[str, object]:

@@ -199,7 +199,7 @@ def main(arguments: list[str] | None = None) -> int:
     first = given[0] if given else ''
     top = parser(None if '_ARGCOMPLETE' in os.environ else first)
     complete(top)
-    if first and first[0] != '-' and first not in COMMANDS:
+    if first and first not in (*COMMANDS, '-h', '--help', '--version'):
         close = get_close_matches(first, COMMANDS, 1)
         meant = f'did you mean {close[0]}?' if close else f'there are {", ".join(COMMANDS)}'
         top.error(f'{plain(first)} is no command; {meant}')

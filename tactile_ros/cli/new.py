@@ -55,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
     """Write the file and say what comes next."""
     key = options.key
     if not KEY.fullmatch(key) or keyword.iskeyword(key) or len(key) > LONGEST_KEY:
-        msg = f'KEY must be a name such as my_pad, at most {LONGEST_KEY} letters and digits'
+        msg = f'KEY must be like my_pad: a-z, 0-9, _, no word of Python, {LONGEST_KEY} at most'
         raise ValueError(f'{msg}; received {key!r}')
     taken = [*list_sensors(), *ALIASES]
     if key in taken or importlib.util.find_spec(f'tactile_ros.sensors.{key}'):

@@ -93,12 +93,12 @@ def check_options(options: argparse.Namespace) -> None:
         raise ValueError(msg)
     if options.board and not options.sensor:
         raise ValueError(f'--board needs the --sensor that it is; received {options.board} alone')
-    if options.speed < 0:
-        raise ValueError(f'--speed must be 0 or more; received {options.speed:g}')
+    if options.speed < 0 or (options.seconds or 0) < 0:
+        raise ValueError('--speed and --seconds must be 0 or more')
     if not 0 <= options.port < 2**16:
         raise ValueError(f'--port must be 0 to {2**16 - 1}; received {options.port}')
-    if options.loop and not options.speed:
-        raise ValueError('--loop needs a --speed above 0; received 0')
+    if options.loop and not (options.speed and options.recording):
+        raise ValueError('--loop needs a recording and a --speed above 0')
     if options.mcap and options.mcap.exists():
         raise TactileError(f'{options.mcap} exists already; name a file that does not')
     if options.mcap:

@@ -59,6 +59,7 @@ def test_nothing_connected_fails_and_says_what_to_do(
     assert code == 1
     assert found['sensor']['state'] == doctor.BAD
     assert '--simulated' in found['sensor']['remedy']
+    assert found['serial ports']['what'] == 'none, but for any /dev/ttyS'
     assert found['serial ports']['state'] == found['I2C buses']['state'] == doctor.NOTE
     assert 'i2c-dev' in found['I2C buses']['remedy']
 
@@ -68,7 +69,8 @@ def test_a_sensor_that_is_not_there_fails(capsys: pytest.CaptureFixture[str]) ->
         code, found = look(capsys, '--sensor', sensor, '--set', option, '--seconds', '0.1')
         assert code == 1
         assert '/nowhere does not exist' in found['frames']['remedy']
-    words = ['doctor', '--sensor', 'reskin_board', '--port', '/tmp', '--seconds', '0']
+        assert sensor not in found  # nothing was read
+    words = ['doctor', '--sensor', 'reskin_board', '--port', '/tmp', '--seconds', '0.1']
     assert main(words) == 1
     said = capsys.readouterr().out
     assert '\nframes: port /tmp cannot be opened (Is a directory); ' in said
@@ -217,7 +219,7 @@ def test_a_device_that_fails_is_no_traceback() -> None:
     assert doctor.watch(Broken(), 1.0).failure == 'no such port'
 
 
-@pytest.mark.parametrize('text', ['-1', 'nan', 'inf', 'soon'])
+@pytest.mark.parametrize('text', ['-1', '0', 'nan', 'inf', 'soon'])
 def test_a_duration_that_cannot_be_is_refused(
     text: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

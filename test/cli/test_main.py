@@ -74,6 +74,22 @@ def test_what_is_wrong_is_one_sentence(
     assert not printed.out
 
 
+@pytest.mark.parametrize(
+    ('words', 'said'),
+    [
+        (['--foo'], '--foo is no command; there are list, doctor'),
+        (['calibration', 'sho', 'x'], 'argument show: invalid choice'),
+    ],
+)
+def test_wrong_words_are_named(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(words)
+    assert stop.value.code == 2
+    assert said in capsys.readouterr().err
+
+
 def test_a_failure_of_the_system_is_told_without_its_number() -> None:
     assert sentence(FileNotFoundError(2, 'No such file', 'a', None, 'b')) == 'a: b: No such file'
     assert sentence(OSError(28, 'No space left on device')) == 'No space left on device'

@@ -103,8 +103,8 @@ def test_new_writes_over_nothing_and_leaves_nothing_half(
 @pytest.mark.parametrize(
     ('key', 'words'),
     [
-        *((key, 'KEY must be a name such as my_pad') for key in ('My_Pad', '../pad', 'lambda')),
-        ('a' * 41, 'KEY must be a name'),
+        *((key, 'no word of Python') for key in ('My_Pad', '../pad', 'lambda')),
+        ('a' * 41, '40 at most'),
         ('taxel_array', 'KEY must be a new name, none of five_wire_skin'),
         ('anyskin', 'KEY must be a new name'),
         ('regression', 'KEY must be a new name'),
