@@ -596,7 +596,9 @@ def read_csv(path: str | os.PathLike[str], layout: Layout) -> Recording:
                     if f'{name}_0' in columns
                 },
             )  # fmt: skip
-            wrong = next((f'{name!r} is not known' for name in columns), '')
+            known = 'time_s, stamp_ns, sequence, stream, tare, temperature_c_0, status_0, force_z'
+            known = ', '.join([known, 'torque_z', 'position_z', *TRUTH_KEYS[3:]])
+            wrong = next((f'must be one of {known}; received {name!r}' for name in columns), '')
     except (ValueError, OverflowError) as err:
         msg = f'{file} is no recording of {layout.shape}: {err}'
         raise RecordingError(msg) from err
@@ -638,11 +640,9 @@ def _csv_stamps(columns: dict[str, list[str]]) -> Integers:
 
 
 def _csv_truth(
-    columns: dict[str, list[str]],
-    table: Callable[[Sequence[str]], Array],
-    taxels: int,
+    columns: dict[str, list[str]], table: Callable[[Sequence[str]], Array], taxels: int,
     samples: int,
-) -> dict[str, Array]:
+) -> dict[str, Array]:  # fmt: skip
     truth = {}
     for key in TRUTH_KEYS:
         shape = field_shape(key, taxels)

@@ -134,7 +134,7 @@ def put(tmp_path: Path) -> Iterator[Put]:
         ('u_0\n1,2\n', 'line 2'),
         ('u_0\nred\n', 'red'),
         ('w\n1\n', "'u_0' is missing"),
-        ('u_0,colour\n1,2\n', "'colour' is not known"),
+        ('u_0,Fz\n1,2\n', "one of time_s, stamp_ns.*force_z, torque_z,.* received 'Fz'"),
         ('u_0;tare\n1;2\n', 'the header does not fit the 1 columns that commas separate, not ;'),
         ('u_0,stamp_ns\n1,99999999999999999999999\n', 'no recording'),
     ],
