@@ -49,12 +49,12 @@ MARKS = {None: '', True: '✓ held', False: '✗ missed'}
 SUMMARY_COLUMNS = ('figure', 'ours', 'unit', 'simple method', 'published', 'aim', 'command')
 # bench on real recordings, how its row begins there, and the words of the README's table
 HEADLINES = (
-    ('reskin', 'place, held-out grid points:', 'place, unseen grid points'),
+    ('reskin', 'place, held-out grid points:', 'position, unseen grid points'),
     ('reskin', 'place, held-out grid points, last pass:',
-     'place, unseen points, unseen last pass'),
+     'position, unseen points in an unseen pass'),
     ('reskin', 'shear force, chronological', 'shear force, chronological 80/20'),
     ('reskin', 'shear force, unseen half', 'shear force, other half of the run'),
-    ('reskin', 'normal force, unseen run:', 'normal force, unseen run (one to learn from)'),
+    ('reskin', 'normal force, unseen run:', 'normal force, unseen run, fit on one other'),
     ('grasp', 'slip, contiguous folds: balanced', 'slip or hold, balanced accuracy'),
 )  # fmt: skip
 LOG_RATIO = 20.0  # ratio of errors from which their axis is logarithmic

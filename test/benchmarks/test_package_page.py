@@ -46,7 +46,7 @@ def test_rows_are_found_by_their_beginnings_and_misses_are_marked() -> None:
     lines, missing = markdown([found])
     assert len(lines) == 4
     assert cells(lines[2]) == [
-        'place, unseen grid points', '**0.37**', 'mm', '0.6', '0.5', '≤ 0.36, missed',
+        'position, unseen grid points', '**0.37**', 'mm', '0.6', '0.5', '≤ 0.36, missed',
         '`tactile bench reskin`',
     ]  # fmt: skip
     assert cells(lines[3])[1] == '**0.5** ± 0.02'
