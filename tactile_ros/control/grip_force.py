@@ -574,7 +574,7 @@ class GripForce:
             settled=self._calm >= SETTLED_TIME and not safe and not self.fault,
             input_age=self._age if self._age < inf else nan,
             shut=bool(feeling) and all(_is_shut(*group) for group in feeling),
-            loaded=self._loaded and self.phase in HOLDING,
+            loaded=self._loaded and self.phase in HOLDING and not safe,
         )
 
 

@@ -227,8 +227,9 @@ class HandJoints:
         """Joints of the drives' closures; the first command moves nothing.
 
         While what is held is `loaded`, soft drives are made stiffer: commands are shifted by
-        `support` times the way that their joints have given since the load came. At most 1 is a
-        loop that no delay makes unstable.
+        `support` times the way that their joints have given since the load came: with at most 1 no
+        delay makes drives ring that do not ring themselves. Where less may be sent, this yields
+        before the law does.
         A drive presses beyond its contact (a,) (NaN: it does not); torque caps follow its target
         force (N). `measured` (j,) is where the joints are, `lead` (j,) by how much their commands
         lead them where they hold what this process did not grip (NaN: not known). `dt` is that of
@@ -259,6 +260,8 @@ class HandJoints:
                 if closures[a] > contacts[a]:
                     wanted[place] = finger.pass_on(meant[place], lower[place], upper[place])
         position, limited = self.limiter.step(wanted, measured, elapsed)
+        spare = self._yielded(wanted - position) if loaded else 0.0
+        wanted, meant = wanted - spare, meant - spare
         self._sent.append((now_s, position))
         closure = reach = closures
         if limited:
@@ -269,6 +272,14 @@ class HandJoints:
         clips = (np.abs(position - measured) >= self._clipping) | self._full & self._carries
         clipped = [bool(clips[place].any()) for _, place in self._drives]
         return Guarded(position, effort, limited, closure, reach, clipped)
+
+    def _yielded(self, cut: Array) -> Array:
+        """Share of what was cut from the commands (j,) that is taken from their support."""
+        spare = np.zeros(len(cut))
+        for beside, (_, place) in zip(self._beside, self._drives, strict=True):
+            spare[place] = _between(cut[place], np.minimum(beside, 0), np.maximum(beside, 0))
+            np.subtract(beside, spare[place], out=beside)
+        return spare
 
     def _behind(self, closures: Array, contacts: Array, wanted: Array, sent: Array) -> Array:
         """Shortfall of closure that each drive was sent (a,)."""

@@ -248,8 +248,12 @@ def test_grip_force_presses_what_is_held_already_as_the_drive_does() -> None:
 def test_grip_force_takes_the_safe_action_without_any_input(action: str) -> None:
     one = Run(dataclasses.replace(QUICK, safe_action=action))
     one.grasp()
+    one.run(1.0)
+    one.change = {'tangential': np.array([1.0])}
+    assert one.run(0.5).loaded
     one.change = {'age': np.array([1.0])}
     made = one.run(1.0)
+    assert not made.loaded  # or joints would be held against the opening
     assert (made.phase, made.refusal) == (GripPhase.FAULT, 'finger 0 is stale (1.000 s)')
     assert made.send == (action == 'open')
     assert (one.world.force[0] < 0.1) == (action == 'open')

@@ -107,6 +107,24 @@ def test_hand_joints_shift_commands_of_joints_that_give_way_under_a_load(
     np.testing.assert_allclose(after(1.0, given_way, True), 0.0, atol=1e-5)
 
 
+def test_hand_joints_that_are_pulled_far_under_a_load_leave_the_law_its_command() -> None:
+    hand = load_hand('allegro_v5_pinch')
+    made, place = HandJoints(hand, ['index']), hand.places('index')
+    start = hand.posture('pre_grasp', np.zeros(16))
+    contact, blank, pulled = made.closures_of(start), np.full(16, np.nan), np.array(start)
+    pulled[place] -= 0.25  # most_offset is 0.4
+    for k in range(400):
+        closure = contact + min(0.01 * k, 0.2)
+        measured = pulled if 100 <= k < 300 else start
+        sent = made.command(
+            closure, contact, [1.0], measured, blank, 0.01, 0.01, 0.01 * k, k >= 50
+        )
+        if k > 50:
+            np.testing.assert_allclose(sent.closure, closure, atol=1e-9)
+    np.testing.assert_allclose((sent.position - start)[place], 0.2 * hand.fingers['index'].press,
+                               atol=1e-3)  # fmt: skip
+
+
 @pytest.mark.parametrize(('late', 'clip', 'full'), [(0.1, 9.0, False), (0.0, 0.2, True)])
 def test_hand_joints_learn_a_full_drive_from_efforts_and_no_late_command(
     late: float, clip: float, full: bool
