@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 import shutil
 import stat
 import tempfile
@@ -24,6 +25,7 @@ KINDS = (
 )  # fmt: skip
 UNFINISHED: set[str] = set()  # files under way, removed where a program is interrupted
 LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # the same in C, where it was built
+HEAD = 4096  # bytes, in which every file of this package has its mark
 MOST_YAML_BYTES, MOST_YAML_NODES = 1_000_000, 100_000
 MOST_YAML_DEPTH = 100  # of lists in lists; thousands would end the parser, and Python with it
 
@@ -38,11 +40,10 @@ def write_atomically(path: str | os.PathLike[str], data: bytes) -> Path:
     target = Path(path)
     refuse_special(target)
     target.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp('.part', f'.{target.name}.', target.parent)
+    name = str(target.parent / f'.{target.name}.{secrets.token_hex(8)}.part')
     UNFINISHED.add(name)
     try:
-        with os.fdopen(handle, 'wb') as file:
-            os.fchmod(file.fileno(), 0o666 & ~_umask())
+        with Path(name).open('xb') as file:  # a new file, and no link
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
@@ -95,16 +96,15 @@ def refuse_special(path: Path) -> None:
 
 def refuse_misfit(path: Path, mark: bytes) -> None:
     """Raise TactileError where a file is there without the mark of those that replace it."""
-    if path.is_file() and path.stat().st_size and mark not in path.read_bytes():
+    if path.is_file() and path.stat().st_size and not has_mark(path, mark):
         msg = f'{path} is a file of another kind; name another one, or give a command --overwrite'
         raise TactileError(msg)
 
 
-def _umask() -> int:
-    """Permissions that new files do not get; read without setting where the system can say."""
-    with suppress(OSError, StopIteration, ValueError), Path('/proc/self/status').open() as lines:
-        return int(next(line for line in lines if line.startswith('Umask:')).split()[1], 8)
-    return 0o022
+def has_mark(path: Path, mark: bytes) -> bool:
+    """Tell whether a file begins as those that hold the mark, the rest of it unread."""
+    with path.open('rb') as file:
+        return mark in file.read(HEAD)
 
 
 def read_yaml(text: str | bytes) -> object:

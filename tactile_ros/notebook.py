@@ -19,7 +19,7 @@ from tactile_ros.evaluation import fleet, recording_files
 from tactile_ros.evaluation.recording_files import LoadedRecording
 from tactile_ros.evaluation.replay import check_learned, replay, with_known_rests, with_tare_rows
 from tactile_ros.evaluation.report import Result, provenance
-from tactile_ros.files import refuse_misfit
+from tactile_ros.files import has_mark, refuse_misfit
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors.registry import SensorSpec, fit_layout, load_sensor
 from tactile_ros.types import Bools, ContactStates, Integers, Recording, SensorConfig
@@ -156,7 +156,7 @@ def _run_of(recording: Recording) -> LoadedRecording | None:
 
 def _holds(place: Path, mark: bytes) -> bool:
     """True for an .npz with a member of that name."""
-    return place.suffix == '.npz' and place.is_file() and mark in place.read_bytes()
+    return place.suffix == '.npz' and place.is_file() and has_mark(place, mark)
 
 
 def _is_bag(place: Path) -> bool:

@@ -17,7 +17,8 @@ def test_write_atomically_is_whole_or_not_at_all(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write_atomically(tmp_path / 'deep' / 'a.json', b'old')
-    assert path.stat().st_mode & 0o777 == 0o666 & ~umask()
+    os.umask(mask := os.umask(0o022))
+    assert path.stat().st_mode & 0o777 == 0o666 & ~mask
 
     def full(*_: object) -> None:
         raise OSError(28, 'No space left on device')
@@ -28,13 +29,6 @@ def test_write_atomically_is_whole_or_not_at_all(
     assert path.read_bytes() == b'old'
     assert [one.name for one in path.parent.iterdir()] == ['a.json']
     assert not UNFINISHED
-
-
-def umask() -> int:
-    """Permissions that new files do not get."""
-    mask = os.umask(0o022)
-    os.umask(mask)
-    return mask
 
 
 def test_write_atomically_refuses_what_is_no_plain_file(tmp_path: Path) -> None:
@@ -57,6 +51,12 @@ def test_write_atomically_does_not_follow_a_planted_link(tmp_path: Path) -> None
     (tmp_path / f'.a.json.{os.getpid()}.part').symlink_to(victim)
     write_atomically(tmp_path / 'a.json', b'x')
     assert victim.read_bytes() == b'mine'
+
+
+def test_the_mark_of_a_file_is_in_its_head(tmp_path: Path) -> None:
+    (tmp_path / 'a').write_bytes(b'x' * files.HEAD + b'mark')
+    with pytest.raises(TactileError, match='another kind'):
+        files.refuse_misfit(tmp_path / 'a', b'mark')
 
 
 BOMB = 'a: &a [x,x,x,x,x,x,x,x,x]\n' + ''.join(

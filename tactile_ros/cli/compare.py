@@ -19,7 +19,6 @@ import os
 import shlex
 import sys
 from functools import partial
-from itertools import count
 from pathlib import Path
 
 from tactile_ros.cli.console import add_overwrite, note, refuse_unwritable, show, working
@@ -59,9 +58,9 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(f'--on must name each recording once; received {", ".join(options.on)}')
     if options.seed < 0:
         raise ValueError(f'--seed must be 0 or more; received {options.seed}')
-    if output and output.suffix not in MARKS:
-        raise ValueError(f'{output} must end in .html or .svg')
     if output:
+        if output.suffix not in MARKS:
+            raise ValueError(f'{output} must end in .html or .svg')
         refuse_unwritable(output, MARKS[output.suffix], overwrite=options.overwrite)
     first, *others = judged(options)
     with working('comparing'):
@@ -76,9 +75,10 @@ def run(options: argparse.Namespace) -> int:
 
 
 def last_names(paths: list[str]) -> dict[str, str]:
-    """Last parts of paths, as many as tell them apart."""
-    tails = (['/'.join(Path(path).parts[-n:]) for path in paths] for n in count(1))
-    return dict(zip(paths, next(one for one in tails if len(set(one)) == len(one)), strict=True))
+    """Last parts of paths, as many as tell them apart; the paths themselves where none do."""
+    parts = [Path(path).parts for path in paths]
+    tails = (['/'.join(one[-n:]) for one in parts] for n in range(1, max(map(len, parts)) + 1))
+    return dict(zip(paths, next((t for t in tails if len({*t}) == len(t)), paths), strict=True))
 
 
 def judged(options: argparse.Namespace) -> list[compare.Competitor]:

@@ -365,7 +365,7 @@ def examine(options: argparse.Namespace) -> list[Finding]:
             return [Finding(spec.key, BAD, 'cannot be read', str(err))]
     kind = 'simulated twin' if options.simulated else 'sensor'
     what = f'{kind}, {len(check.frames)} frames in {options.seconds:g} s'
-    return [Finding(spec.key, NOTE, what)] * bool(check.frames) + findings(check)
+    return [Finding(spec.key, NOTE, what), *findings(check)] if check.frames else findings(check)
 
 
 def _pair(text: str) -> tuple[str, object]:

@@ -128,7 +128,7 @@ def _far_places(recording: Recording) -> list[str]:
     low, high = taxels.min(axis=0), taxels.max(axis=0)
     reach = (high - low).max() or 0.1  # m, of a lone taxel
     far = int(((places < low - reach) | (places > high + reach)).any(axis=1).sum())
-    return [f'{far} true places are far outside of the taxels; are they in metres?'] * (far > 0)
+    return [f'{far} true places are far outside of the taxels; are they in metres?'] if far else []
 
 
 @dataclass(frozen=True)

@@ -154,11 +154,11 @@ def declared(defaults: object) -> list[DeclareLaunchArgument]:
     ]
     arguments = []
     for name, default, text, choices in [*rows, LEVEL]:
-        is_switch = isinstance(default, bool)
-        value = str(default).lower() if is_switch else str(default)
-        limits = list(TRUE_OR_FALSE if is_switch else choices) or None
-        told = {'default_value': value, 'description': text, 'choices': limits}
-        arguments.append(DeclareLaunchArgument(name, **told))
+        value = str(default).lower() if isinstance(default, bool) else str(default)
+        limits = list(TRUE_OR_FALSE if isinstance(default, bool) else choices) or None
+        arguments.append(
+            DeclareLaunchArgument(name, default_value=value, description=text, choices=limits)
+        )
     return arguments
 
 

@@ -108,7 +108,7 @@ class RestingState:
     known_: Array  # (n, d) resting readings of the fit, less the centre (unit of the rests)
     width_: float  # l (unit of the rests)
     separate_: bool  # whether no two runs share a resting reading
-    usual_: float = 0.0  # share left between a group and the others; 0 in files of before
+    usual_: float  # share left between a group and the others
 
     def fit(self, rests: Array, runs: Integers, groups: Integers) -> RestingState:
         """Learn from the finite resting reading (s, d) under each row, its run and group (s,)."""
@@ -179,7 +179,7 @@ class Head:
     state_: RestingState | None  # of a force
     gain_: float  # of a force, half width of the gain of an unseen run
     covariance_: CovarianceModel
-    signal_: float = 0.0  # typical change of the readings; files of before have none
+    signal_: float  # typical change of the readings
     ratio_: float  # growth of the variance with the square of that over the change
 
     def __init__(
