@@ -45,10 +45,10 @@ from tactile_ros.types import (
     SensorConfig,
     Signals,
     TaxelStatus,
-    field_shape,
     groups_of,
     join,
 )
+from tactile_ros.types.contact import stack_columns
 from tactile_ros.types.recording import (
     are_ordered,
     calm_rows,
@@ -354,7 +354,7 @@ class Pipeline:
                 parts.append({**unknown, 'taxel_status': np.full((1, taxels), ERROR)})
             lengths.append(length)
             first += length
-        return (parts[0] if len(parts) == 1 else _join_columns(parts, lengths, taxels)), failed
+        return (parts[0] if len(parts) == 1 else stack_columns(parts, lengths)), failed
 
     # -- assemble ----------------------------------------------------------------------------
 
@@ -641,23 +641,6 @@ def _refuse_misfit(name: str, parts: Mapping[str, object], classes: Mapping[str,
         if np.shape(array) != wanted and not (key == 'temperature_c' and array is None):
             msg = f'{key} of {name} must have shape {wanted}; received {np.shape(array)}'
             raise CalibrationError(msg)
-
-
-def _join_columns(parts: Sequence[Columns], lengths: Sequence[int], taxels: int) -> Columns:
-    """Columns of rows that follow one another; what a part does not estimate is unknown there."""
-    patches = max(part['contacts_id'].shape[1] if 'contacts_id' in part else 1 for part in parts)
-    joined: Columns = {}
-    ends = np.cumsum(lengths)
-    for name in {name for part in parts for name in part}:
-        _, kind, blank = STATE_FIELDS[name]
-        column: npt.NDArray[np.generic]
-        column = np.full((ends[-1], *field_shape(name, taxels, patches)), blank, kind)
-        for part, end, length in zip(parts, ends, lengths, strict=True):
-            if name in part:
-                found = part[name]
-                column[(slice(end - length, end), *map(slice, found.shape[1:]))] = found
-        joined[name] = column
-    return joined
 
 
 def apply_contact(known: Columns, contact: npt.NDArray[np.int8], good: Bools) -> None:

@@ -35,12 +35,12 @@ import numpy as np
 
 from tactile_ros import errors
 from tactile_ros.cli.console import as_objects, note, refuse_no_new_folder, show, working
+from tactile_ros.devices.connections import SerialConnection
 from tactile_ros.devices.mlx90393 import MUX_ADDRESSES, Command
 from tactile_ros.devices.transport import I2cBus, list_buses, list_ports
 from tactile_ros.evaluation.bag_check import BagCheck, FrameCheck, check_bag, repair_bag
 from tactile_ros.files import read_yaml
 from tactile_ros.sensors import load_sensor
-from tactile_ros.sensors.registry import Connection
 from tactile_ros.types import Array, Device, Frame, Layout, SensorConfig, TaxelStatus
 
 OK, NOTE, WARN, BAD = 'ok', 'note', 'warn', 'bad'
@@ -379,7 +379,7 @@ def _pair(text: str) -> tuple[str, object]:
         raise ValueError(msg) from err
 
 
-def _with(given: dict[str, object], *parts: object) -> tuple[SensorConfig, Connection]:
+def _with(given: dict[str, object], *parts: object) -> tuple[SensorConfig, SerialConnection]:
     names = [{f.name for f in fields(part)} for part in parts]  # type: ignore[arg-type]
     every = set().union(*names)
     if stray := sorted(set(given) - every):

@@ -21,6 +21,7 @@ import numpy.typing as npt
 from tactile_ros.evaluation.bag import BASE, NAME, SEQUENCE, all_types
 from tactile_ros.messages import FIELD_NAMES, TAXELS, VECTORS, WRENCH_BLOCKS
 from tactile_ros.types import STATE_FIELDS, Array, Bytes, Columns, Integers, field_shape
+from tactile_ros.types.contact import stack_columns
 
 FRAME = 'tactile_ros/msg/TactileFrame'
 CONTACTS = 'tactile_ros/msg/TactileContacts'
@@ -202,37 +203,8 @@ def read_rows(
         return Rows(good[0].rows, parts[0], damaged, misfits)
     rows = np.concatenate([np.zeros(0, np.int64), *(group.rows for group in good)])
     order = np.argsort(rows, kind='stable')
-    arrays = stack(parts, [len(group.rows) for group in good])
+    arrays = stack_columns(parts, [len(group.rows) for group in good])
     return Rows(rows[order], {k: v[order] for k, v in arrays.items()}, damaged, misfits)
-
-
-def stack(parts: Sequence[Columns], lengths: Sequence[int]) -> Columns:
-    """Columns of all parts of some lengths, one after another; -1 or NaN where a part has none."""
-    patches = max([1, *(p['contacts_id'].shape[1] for p in parts if 'contacts_id' in p)])
-    first = {key: part[key] for part in reversed(parts) for key in part}
-    return {
-        key: np.concatenate([
-            widened(key, part[key] if key in part else blank_column(key, column, count), patches)
-            for part, count in zip(parts, lengths, strict=True)
-        ])
-        for key, column in first.items()
-    }  # fmt: skip
-
-
-def blank_column(name: str, like: npt.NDArray[np.generic], count: int) -> npt.NDArray[np.generic]:
-    """So many rows of a column in which nothing is measured."""
-    fill = STATE_FIELDS[name][2] if name in STATE_FIELDS else np.nan if like.dtype == float else -1
-    return np.full((count, *like.shape[1:]), fill, like.dtype)
-
-
-def widened(name: str, column: npt.NDArray[np.generic], patches: int) -> npt.NDArray[np.generic]:
-    """State attribute with room for so many patches; others as they are."""
-    shape, _, fill = STATE_FIELDS.get(name, ((), None, None))
-    if shape[:1] != ('k',) or column.shape[1] >= patches:
-        return column
-    wide = np.full((len(column), patches, *column.shape[2:]), fill, column.dtype)
-    wide[:, : column.shape[1]] = column
-    return wide
 
 
 def read_frames(messages: Sequence[bytes], shape: tuple[int, int]) -> Rows:

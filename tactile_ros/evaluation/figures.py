@@ -33,6 +33,7 @@ LEFT, RIGHT, TOP, BOTTOM = 46.0, 14.0, 30.0, 42.0  # pixels around the axes
 LETTER, LINE = 6.4, 15.0  # pixels of a letter and of a line of labels
 PAGE = 1180.0  # pixels across
 MM = 1e3
+MOST_PLACED = 1 << 16  # rows whose places are drawn
 Span = tuple[float, float]
 PREFIXES = {0: '', -3: 'm', -6: 'µ', -9: 'n'}
 NAMES = {
@@ -448,7 +449,7 @@ def shade_key(limits: Iterable[float], unit: str) -> tuple[tuple[str, str], ...]
 
 def place_map(target: metrics.TargetErrors, chips: Array) -> Figure:
     """Mean error at every touched place in plan view; chips (t, 3) (m) as crosses."""
-    kept = np.isfinite(target.size)
+    kept = _subsample(np.flatnonzero(np.isfinite(target.size)), MOST_PLACED)
     place, of_place = np.unique(np.round(target.truth[kept], 5), axis=0, return_inverse=True)
     of_place = of_place.reshape(-1)
     mean = MM * np.bincount(of_place, target.size[kept]) / np.bincount(of_place)

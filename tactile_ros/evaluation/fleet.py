@@ -26,7 +26,6 @@ from tactile_ros.conditioning.baseline import tare_runs
 from tactile_ros.errors import CalibrationError, RecordingError, TactileError
 from tactile_ros.evaluation import metrics
 from tactile_ros.evaluation.bag import load_package
-from tactile_ros.evaluation.cdr_columns import stack
 from tactile_ros.evaluation.recording_files import Bag, ClassesChangedError, LoadedRecording, find
 from tactile_ros.evaluation.replay import Follower
 from tactile_ros.evaluation.report import CELLS, Answer, Dataset, answer, inside_one_sigma, rows_of
@@ -34,6 +33,7 @@ from tactile_ros.evaluation.truth import DEFAULT_TRUTH, Association, is_unknown
 from tactile_ros.files import write_atomically
 from tactile_ros.sensors import list_sensors, load_sensor
 from tactile_ros.types import ContactStates
+from tactile_ros.types.contact import stack_columns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -93,7 +93,7 @@ class _Collected:
 
     def states(self, lengths: Sequence[int], taxels: int) -> ContactStates:
         """Estimates of all pieces together."""
-        columns = stack(self._parts, lengths)
+        columns = stack_columns(self._parts, lengths)
         for name in (f'{name}_cov' for name in VECTORS):
             if name in columns:
                 shape = (len(columns[name]), 3, 3)

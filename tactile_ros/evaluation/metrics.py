@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import astuple, dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -83,9 +84,6 @@ def coverage_range(share: float, groups: int) -> tuple[float, float]:
     below = bdtr(np.arange(groups + 1), groups, share)  # of a binomial distribution
     low, high = (float(end) / groups for end in np.searchsorted(below, (0.025, 0.975)))
     return min(low, share - TOLERANCE), max(high, share + TOLERANCE)
-
-
-UNCOVERED = Coverage(float('nan'), float('nan'), float('nan'), 0, 0)
 
 
 def coverage(error: Array, variance: Array, groups: Integers, sigmas: int = 1) -> Coverage:
@@ -258,16 +256,17 @@ class TargetErrors:
     time_s: Array  # (n,) from the first row of the recording (s); NaN: independent frames
     since_s: Array  # (n,) from the latest tare (s); NaN: none before
     groups: Integers  # (n,) place, press cycle or recording, which errors have in common
-    spread: Spread = field(default=NOTHING)  # of the norm of the error, of all rows
-    coverage: Coverage = field(default=UNCOVERED)  # components pooled, of all rows
 
-    def __post_init__(self) -> None:
-        """Summarise all rows, once: drawings may keep some of them."""
-        if self.coverage is UNCOVERED:
-            groups = np.repeat(self.groups, self.error.shape[1])
-            covered = coverage(self.judged.ravel(), self.variance.ravel(), groups)
-            object.__setattr__(self, 'coverage', covered)
-            object.__setattr__(self, 'spread', spread(self.size))
+    @cached_property
+    def spread(self) -> Spread:
+        """Summary of the norm of the error."""
+        return spread(self.size)
+
+    @cached_property
+    def coverage(self) -> Coverage:
+        """Coverage of all components together."""
+        groups = np.repeat(self.groups, self.error.shape[1])
+        return coverage(self.judged.ravel(), self.variance.ravel(), groups)
 
     @property
     def judged(self) -> Array:
@@ -289,10 +288,6 @@ class TargetErrors:
     def known(self) -> int:
         """Rows with truth."""
         return self.spread.count + self.missed + self.invalid
-
-    def every(self, step: int) -> TargetErrors:
-        """Some of the rows, with the figures of all."""
-        return replace(self, **{name: getattr(self, name)[::step] for name in ROWS})
 
     @classmethod
     def pool(cls, parts: Sequence[TargetErrors]) -> TargetErrors:

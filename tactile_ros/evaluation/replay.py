@@ -22,7 +22,6 @@ from tactile_ros import enrolment
 from tactile_ros.conditioning.faults import DAMAGED, SAYS_NOTHING, UNUSABLE, taxel_faults
 from tactile_ros.devices.fault_flags import measured_temperature
 from tactile_ros.errors import RecordingError
-from tactile_ros.evaluation.cdr_columns import stack, widened
 from tactile_ros.evaluation.metrics import Agreement
 from tactile_ros.evaluation.recording_files import LoadedRecording
 from tactile_ros.pipeline import Pipeline
@@ -38,6 +37,7 @@ from tactile_ros.types import (
     Integers,
     Recording,
 )
+from tactile_ros.types.contact import stack_columns, widened
 from tactile_ros.types.recording import FIRM
 
 NOT_IN_MESSAGES = ('object_pose', 'object_pose_cov')
@@ -256,7 +256,7 @@ def gathered(
     parts: Sequence[ContactStates], rows: Integers, samples: int, taxels: int
 ) -> ContactStates:
     """States of some rows (n,), in parts, among all rows s."""
-    joined = stack([vars(part) for part in parts], [len(part) for part in parts])
+    joined = stack_columns([vars(part) for part in parts], [len(part) for part in parts])
     patches = joined['contacts_id'].shape[1]
     blank = ContactStates.assemble(samples, taxels, {})
     columns: Columns = {}

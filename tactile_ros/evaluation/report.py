@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 Cell = str | float | int | None
 LOW_IS_BETTER = ('mean', 'p50', 'p95', 'RMSE', 'us/frame')
 PACKAGES = ('numpy', 'scipy', 'rosbags', 'ros-rclpy', 'numba', 'scikit-learn')
-MOST_DRAWN = 1 << 16  # rows of a target
 MOST_LETTERS = 90  # of a value of a configuration
 PAGE_MARK = b'<meta name="generator" content="tactile_ros">'
 
@@ -141,27 +140,15 @@ class Dataset:
 
 
 def for_drawing(one: Dataset) -> Dataset:
-    """Dataset as a report shows it: answers that truth can judge first, drawings of some rows.
-
-    Every figure is of all rows; of more than `MOST_DRAWN` drawings show every second, fourth...
-    """
+    """Dataset as a report shows it: answers that truth can judge first, with different names."""
     names = Counter(answer.name for answer in one.answers)
     judged = sorted(one.answers, key=lambda a: not any(t.spread.count for t in a.targets))
-    largest = max((len(t.rows) for a in judged for t in a.targets), default=0)
-    step = 1 << max(0, math.ceil(math.log2(max(largest, 1) / MOST_DRAWN)))
-    answers = tuple(
-        replace(
-            answer,
-            name=f'{answer.name}, {answer.calibration}' if names[answer.name] > 1 else answer.name,
-            targets=tuple(target.every(step) for target in answer.targets),
-        )
+    return replace(one, answers=tuple(
+        replace(answer, name=f'{answer.name}, {answer.calibration}')
+        if names[answer.name] > 1
+        else answer
         for answer in judged
-    )
-    many = (
-        f'{one.frames:,} frames are more than drawings hold: they show every {step}th row with '
-        'truth; figures are of all'
-    )
-    return replace(one, answers=answers, problems=(*one.problems, *[many] * (step > 1)))
+    ))  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from tactile_ros.errors import RecordingError
 from tactile_ros.evaluation import cdr_columns
 from tactile_ros.types import TRUTH_KEYS, Array, Bools, Columns, Integers, admit_name
+from tactile_ros.types.contact import blank_column, stack_columns
 
 DEFAULT_TRUTH = ('truth/contacts', 'truth/object_pose')
 # of the delay between the clocks of frames and truth
@@ -220,7 +221,7 @@ class TruthTopic:
         if self.type_name == cdr_columns.STRING:
             self.sentence = 'holds from its arrival until the next'
             return (*held_labels(self._texts, logs, frames.stamp_ns, names), 0)
-        arrays = cdr_columns.stack(self._parts, [len(part) for part in self._logs])
+        arrays = stack_columns(self._parts, [len(part) for part in self._logs])
         stamps = cast('Integers', arrays.pop('stamp_ns')).astype(np.int64)
         delay, remark, tolerance = 0, '', association.tolerance_ns
         if self.type_name == cdr_columns.CONTACTS:
@@ -242,7 +243,7 @@ class TruthTopic:
         truth: Columns = {}
         for key, column in arrays.items():
             if not is_unknown(column[source[source >= 0]]).all():
-                truth[key] = cdr_columns.blank_column(key, column, len(frames))
+                truth[key] = blank_column(key, column, len(frames))
                 truth[key][source >= 0] = column[source[source >= 0]]
         return truth, names, int((~used).sum())
 

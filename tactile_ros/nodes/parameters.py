@@ -216,10 +216,6 @@ class PlayerOptions(NodeOptions):
     window: int = parameter(16, 'rows on their way at most', range=(1, 40))
     loop: bool = parameter(False, 'begin again at the end')
     tare: bool = parameter(True, 'call the tare after resting rows')
-    tare_service: str = parameter('contact_node/tare', 'name of the service')
-    wait_for: str = parameter(
-        'contacts', 'what says that a row is through', choices=('contacts', 'frame')
-    )
     listeners: int = parameter(
         0, 'subscriptions to truth/contacts before the start', range=(0, 100)
     )

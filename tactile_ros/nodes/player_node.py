@@ -38,6 +38,7 @@ from tactile_ros.types import Array, Bools, Frame, Recording
 WARM_UP_ROWS = 4
 WARM_UP_STEP = 1e-7  # T; makes every row another one, far below the noise of a chip
 RETRY_S = 1.0
+TARE = 'contact_node/tare'
 LOST_S = 2.0
 MOST_LOST = 5
 ACKNOWLEDGED_S = 5.0  # a listener may discover a publisher with its next announcement, after 3 s
@@ -295,7 +296,7 @@ class PlayerNode(ManagedNode):
         self._recording = shipped[name] if name in shipped else load_recording(name)
         self._truth = TruthMessages(self._recording)
         if self._options.tare:
-            self._client = self.create_client(Trigger, self._options.tare_service)
+            self._client = self.create_client(Trigger, TARE)
 
     def activate(self) -> None:
         """Listen to what comes back, and play in a thread."""
@@ -303,10 +304,9 @@ class PlayerNode(ManagedNode):
         options = replace(self._options, port=port)
         self._matcher = FrameMatcher()
         self.subscribe(TactileFrame, 'frame', self._on_frame)
-        if options.wait_for == 'contacts':
-            self.subscribe(
-                TactileContacts, 'contacts', lambda m: self._matcher.acknowledge(m.sequence)
-            )
+        self.subscribe(
+            TactileContacts, 'contacts', lambda m: self._matcher.acknowledge(m.sequence)
+        )
         self.get_logger().info(f'the board appears at {port}')
         tare = self._take_tare if options.tare else None
         self._playback = Playback(self._recording, options, self._matcher, tare, self._missing)
@@ -325,8 +325,6 @@ class PlayerNode(ManagedNode):
     def _on_frame(self, message: TactileFrame) -> None:
         frame = messages.read_frame(message, self._recording.layout.shape)
         row = self._matcher.match(frame)
-        if self._options.wait_for == 'frame':
-            self._matcher.acknowledge(frame.sequence)
         if row is not None and row >= 0 and self._truths.get_subscription_count():
             self._truths.publish(self._truth.message(row, message.header, message.sequence))
 

@@ -12,33 +12,18 @@ from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
 from types import ModuleType
-from typing import Protocol
 
 from tactile_ros.calibration import digest, flatten
+from tactile_ros.devices.connections import SerialConnection
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.enrolment import Signal, playing
 from tactile_ros.errors import CalibrationError, TactileError
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.types.contracts import Device, Estimation, Twin
-from tactile_ros.types.frame import Array, Layout, SensorConfig
+from tactile_ros.types.frame import Layout, SensorConfig
 from tactile_ros.types.recording import Recording
 
 ALIASES = {'anyskin': 'reskin_board', 'eflesh': 'reskin_board', 'reskin': 'reskin_board'}
-
-
-class Connection(Protocol):
-    """Frozen dataclass of port and protocol, which opens a sensor there or simulates it."""
-
-    def open(self, layout: Layout, clock_ns: Callable[[], int]) -> Device:
-        """See `devices.connections.SerialConnection`."""
-        ...
-
-    def simulate(
-        self, layout: Layout, signal: Signal, noise: float | Array, seed: int,
-        clock: VirtualClock | None = None, temperature_c: Signal | None = None,
-    ) -> Twin:  # fmt: skip
-        """See `devices.connections.SerialConnection`."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -61,7 +46,7 @@ class SensorSpec:
     transports: tuple[str, ...]  # how it can be connected, in words
     # frozen dataclasses with all defaults: geometry and materials; port and protocol
     config: Callable[..., SensorConfig]
-    connection: Callable[..., Connection]
+    connection: Callable[..., SerialConnection]
     layout: Callable[..., Layout]  # of a config
     estimation: Callable[..., Estimation]  # of a config, and the name of an estimator or None
     estimator_names: tuple[str, ...]  # what that name may be
@@ -82,13 +67,13 @@ class SensorSpec:
         return f'{type(self).__name__}({self.key}: {self.summary}; estimators: {names})'
 
     def open(
-        self, config: SensorConfig, connection: Connection, clock_ns: Callable[[], int]
+        self, config: SensorConfig, connection: SerialConnection, clock_ns: Callable[[], int]
     ) -> Device:
         """Driver of `config` at `connection`, with stamps from `clock_ns`; not entered yet."""
         return connection.open(self.layout(config), clock_ns)
 
     def simulate(
-        self, config: SensorConfig, connection: Connection,
+        self, config: SensorConfig, connection: SerialConnection,
         signal: Signal | None = None, seed: int = 0,
         clock: VirtualClock | None = None,
     ) -> Twin:  # fmt: skip

@@ -16,13 +16,14 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
+from tactile_ros.devices.connections import SerialConnection
 from tactile_ros.devices.serial_board import FramedBoard
 from tactile_ros.devices.simulated_serial import FramedTwin
 from tactile_ros.devices.timestamps import VirtualClock
 from tactile_ros.enrolment import Programme, Touches, growing_loads, recorded, thinned
 from tactile_ros.physics.magnetics import in_chip_axes
 from tactile_ros.pipeline import Pipeline
-from tactile_ros.sensors import load_sensor
+from tactile_ros.sensors import SensorSpec, load_sensor
 from tactile_ros.sensors.gradiometer import twin as disc
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig
 from tactile_ros.sensors.gradiometer.config import layout as disc_layout
@@ -30,7 +31,6 @@ from tactile_ros.sensors.magnet_pad import twin as pad
 from tactile_ros.sensors.magnet_pad.body_model import NOISE
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.sensors.magnet_pad.config import layout as pad_layout
-from tactile_ros.sensors.registry import Connection, SensorSpec
 from tactile_ros.types import Array, Closing, ContactState, Frame, Recording, SensorConfig
 
 TARE_FRAMES = 50  # frames of a tare
@@ -49,7 +49,7 @@ class Skin:
 
     spec: SensorSpec
     config: SensorConfig
-    connection: Connection  # of its board
+    connection: SerialConnection  # of its board
     # readings (t, c) in the unit of the sensor for a contact's place (3,) (m) and force (3,)
     # (N) in the sensor frame, and the field of what is around, (t, 3) (T) in the same axes
     signal: Callable[[Array, Array, Array], Array]

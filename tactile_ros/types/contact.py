@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, get_args, get_type_hints, overload
@@ -11,7 +11,7 @@ from typing import Annotated, get_args, get_type_hints, overload
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.types.frame import Array, Bools, Bytes, Integers
+from tactile_ros.types.frame import Array, Bools, Bytes, Columns, Integers
 
 Shape = tuple[str | int, ...]
 BLANKS = {'f': np.nan, 'i': -1, 'b': False, 'u': 0}
@@ -143,6 +143,35 @@ class ContactState(_StateFields):
             self.contacts_force, self.contacts_position_cov, self.contacts_force_cov,
         )  # fmt: skip
         return [Contact(*row) for row in zip(*columns, strict=True) if row[0] >= 0]
+
+
+def stack_columns(parts: Sequence[Columns], lengths: Sequence[int]) -> Columns:
+    """Columns of all parts of some lengths, one after another; blank where a part has none."""
+    patches = max([1, *(part['contacts_id'].shape[1] for part in parts if 'contacts_id' in part)])
+    first = {key: part[key] for part in reversed(parts) for key in part}
+    return {
+        key: np.concatenate([
+            widened(key, part[key] if key in part else blank_column(key, column, count), patches)
+            for part, count in zip(parts, lengths, strict=True)
+        ])
+        for key, column in first.items()
+    }  # fmt: skip
+
+
+def blank_column(name: str, like: npt.NDArray[np.generic], count: int) -> npt.NDArray[np.generic]:
+    """So many rows of a column in which nothing is measured."""
+    fill = STATE_FIELDS[name][2] if name in STATE_FIELDS else BLANKS[like.dtype.kind]
+    return np.full((count, *like.shape[1:]), fill, like.dtype)
+
+
+def widened(name: str, column: npt.NDArray[np.generic], patches: int) -> npt.NDArray[np.generic]:
+    """State attribute with room for so many patches; others as they are."""
+    shape, _, fill = STATE_FIELDS.get(name, ((), None, None))
+    if shape[:1] != ('k',) or column.shape[1] >= patches:
+        return column
+    wide = np.full((len(column), patches, *column.shape[2:]), fill, column.dtype)
+    wide[:, : column.shape[1]] = column
+    return wide
 
 
 @dataclass(frozen=True)

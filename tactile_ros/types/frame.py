@@ -171,8 +171,7 @@ class Layout:
         )  # fmt: skip
 
     def __repr__(self) -> str:
-        channels = ', '.join(self.channels)
-        size = f'{len(self.positions)} x {channels} ({self.unit})'
+        size = f'{len(self.positions)} x {", ".join(self.channels)} ({self.unit})'
         return f'Layout({self.sensor or "sensor"}: {size})'
 
     @property

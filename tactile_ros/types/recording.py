@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.types.contact import STATE_FIELDS, field_shape
+from tactile_ros.types.contact import STATE_FIELDS, field_shape, stack_columns
 from tactile_ros.types.frame import Array, Bools, Bytes, Columns, Frame, Integers, Layout, as_shape
 
 TRUTH_KEYS = (
@@ -60,10 +60,9 @@ def _truth_column(name: str, value: npt.ArrayLike, samples: int, taxels: int) ->
         array = np.where(np.isfinite(array), array, -1)
     wrong = ~np.isin(array, (1, 0, -1))
     if name in ('in_contact', 'slip') and wrong.any():
-        row = int(np.flatnonzero(wrong)[0])
         msg = (
             f'truth {name!r} of Recording must be 1, 0 or -1 (unknown); '
-            f'received {array[row]} in row {row}'
+            f'received {array[wrong][0]} in row {np.flatnonzero(wrong)[0]}'
         )
         raise ValueError(msg)
     return array.astype(np.int64)
@@ -119,9 +118,9 @@ class Recording:
     def __repr__(self) -> str:
         inner = ('layout', 'values', 'truth')
         known = [name for name, x in vars(self).items() if x is not None and name not in inner]
-        columns = ', '.join(known)
         truth = ', '.join(self.truth) or 'none'
-        return f'Recording({len(self)} frames of {self.layout}; {columns}; truth: {truth})'
+        frames = f'{len(self)} frames of {self.layout}; {", ".join(known)}'
+        return f'Recording({frames}; truth: {truth})'
 
     @classmethod
     def from_arrays(
@@ -221,42 +220,16 @@ def join(recordings: Sequence[Recording]) -> Recording:
     if len(recordings) == 1:
         return recordings[0]
     stamped = all(r.stamp_ns is not None for r in recordings)
-    truth = {
-        key: _joined([r.truth.get(key) for r in recordings], recordings)
-        for key in {key for r in recordings for key in r.truth}
-    }
-    number = np.concatenate([np.full(len(r), i) for i, r in enumerate(recordings)])
-    session = truth.get('session')
-    pairs = np.column_stack([number, np.zeros_like(number) if session is None else session])
+    lengths = [len(r) for r in recordings]
+    truth = stack_columns([r.truth for r in recordings], lengths)
+    number = np.repeat(np.arange(len(recordings)), lengths)
+    pairs = np.column_stack([number, truth.get('session', np.zeros_like(number))])
     truth['session'] = np.unique(pairs, axis=0, return_inverse=True)[1].reshape(-1)
-    return Recording.from_arrays(
-        recordings[0].layout,
-        np.concatenate([r.values for r in recordings]),
-        stamp_ns=_joined([r.stamp_ns for r in recordings], recordings) if stamped else None,
-        temperature_c=_joined([r.temperature_c for r in recordings], recordings),
-        status=_joined([r.status for r in recordings], recordings, 0),
-        stream=np.cumsum(np.concatenate([r.restarts for r in recordings])),
-        tare=_joined([r.tare for r in recordings], recordings, 0),
-        truth=truth,
-    )
-
-
-def _joined(
-    columns: Sequence[npt.NDArray[np.generic] | None],
-    recordings: Sequence[Recording],
-    blank: int = -1,
-) -> npt.NDArray[np.generic] | None:
-    """A column that some recordings lack (NaN or `blank` there); None if all do."""
-    sample = next((column for column in columns if column is not None), None)
-    if sample is None:
-        return None
-    fill, tail = np.nan if sample.dtype.kind == 'f' else blank, sample.shape[1:]
-    return np.concatenate(
-        [
-            np.full((len(one), *tail), fill, sample.dtype) if column is None else column
-            for one, column in zip(recordings, columns, strict=True)
-        ]
-    )
+    names = ['values', 'temperature_c', 'status', 'tare', *['stamp_ns'] * stamped]
+    known = [{n: x for n in names if (x := vars(r)[n]) is not None} for r in recordings]
+    stream = np.cumsum(np.concatenate([r.restarts for r in recordings]))
+    columns = stack_columns(known, lengths)
+    return Recording.from_arrays(recordings[0].layout, stream=stream, truth=truth, **columns)
 
 
 def are_ordered(recordings: Sequence[Recording]) -> bool:
@@ -323,8 +296,7 @@ def groups_of(recording: Recording) -> Columns:
     session = recording.truth.get('session', zeros).astype(np.int64)
     repetition = recording.truth.get('repetition', zeros).astype(np.int64)
     pairs = np.column_stack([session, repetition])
-    _, group = np.unique(pairs, axis=0, return_inverse=True)
-    group = np.asarray(group).reshape(-1)
+    group = np.unique(pairs, axis=0, return_inverse=True)[1].reshape(-1)
     if len(np.unique(group)) < 3:
         group = _blocks(recording)
     return {'session': session, 'group': group}

@@ -211,7 +211,7 @@ def test_constant_force_has_no_drawing_and_no_headline() -> None:
 
 def test_the_covariance_drawing_shades_the_accepted_range() -> None:
     target = answer_of('ridge', 1.0, 1).targets[0]
-    few = replace(target, groups=target.groups % 6, coverage=metrics.UNCOVERED)
+    few = replace(target, groups=target.groups % 6)
     (plot,) = figures.sigma_calibration([few]).plots
     for end in metrics.coverage_range(0.7, 6):
         corner = float(plot.x(70.0)), float(plot.y(100 * end))
