@@ -15,6 +15,7 @@ from tactile_ros.types import Array, Bools, Integers, as_shape
 ONE_SIGMA = 0.6827
 GROWTHS = 0.03 * 2.0 ** np.arange(9)  # of the variance, per squared distance
 USUAL_GROWTH = 0.1
+FEWEST_GROUPS = 5  # by which variances are scaled
 MARGIN = 1.2  # times the largest distance of a training reading: from there on out of range
 
 
@@ -56,7 +57,6 @@ class CovarianceModel:
         """
         errors = as_shape('errors', errors, (-1, -1))
         readings = as_shape('readings', readings, (len(errors), -1))
-        group = np.unique(groups, return_inverse=True)[1].reshape(-1)
         square = self._fit_distance(readings)
         sigma = _sigmas(stated, errors.shape)
         unit, count = errors / sigma, errors.shape[1]
@@ -68,7 +68,7 @@ class CovarianceModel:
             own = np.isfinite(unit[:, k])
             if own.any():
                 size = np.abs(unit[own, k])
-                weight = _weights(size <= np.quantile(size, ONE_SIGMA), group[own])
+                weight = _weights(size <= np.quantile(size, ONE_SIGMA), groups[own])
                 rows[k] = weight.sum()
                 self.growth_[k] = _growth(size, weight, square[own])
                 unit[own, k] /= np.sqrt(1 + self.growth_[k] * square[own])
@@ -98,7 +98,7 @@ class CovarianceModel:
             covariance, beyond,
         )  # fmt: skip
         if stated is not None and stated.ndim == 2:
-            covariance *= stated[:, :, None] * stated[:, None, :]
+            covariance = scaled(covariance, stated)
         return covariance, beyond
 
     def _fit_distance(self, readings: Array) -> Array:
@@ -120,6 +120,33 @@ class CovarianceModel:
         self.whitening_ /= math.sqrt(norm)
         self.limit_ = MARGIN * math.sqrt(max(float(square.max()) / norm, 1.0))
         return np.asarray(square / norm)
+
+
+def scaled(covariance: Array, factor: Array) -> Array:
+    """Covariances (..., l, l) of components (..., l) times a factor each."""
+    return covariance * (factor[..., :, None] * factor[..., None, :])
+
+
+def widened(covariance: Array, ratio: Array) -> Array:
+    """Covariances (s, l, l) times a ratio (s,), such as of misfits, where it is above 1.
+
+    Readings that leave more unexplained than is usual tell less (Birge, Phys. Rev. 40, 1932).
+    """
+    return covariance * np.maximum(ratio, 1.0)[:, None, None]
+
+
+def scale_by_groups(errors: Array, variance: Array, noise: Array, groups: Integers) -> float:
+    """Scale of variances (s,) that rows of a group share, beside noise (s,), by groups left out.
+
+    By the mean size of the errors (s,) of groups over their stated sigma, which is 0.8 where these
+    are normal: few places far off count less than in a mean square. 1 of few groups.
+    """
+    _, index, count = np.unique(groups, return_inverse=True, return_counts=True)
+    if len(count) < FEWEST_GROUPS:
+        return 1.0
+    each, stated, own = (np.bincount(index, v) / count for v in (errors, variance, noise))
+    size = np.abs(each) / np.sqrt(stated + own / count)
+    return max(math.pi / 2 * float(size.mean()) ** 2, 1e-6)
 
 
 @compiled

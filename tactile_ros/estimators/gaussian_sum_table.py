@@ -16,6 +16,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from tactile_ros.estimators.covariance import widened
 from tactile_ros.types import Array, Bools, Integers
 
 BLOCK = 512  # rows at once
@@ -200,11 +201,9 @@ class TouchPosterior:
         seen = self.plain(x)
         causes = 0 if self.common is None else self.common.shape[1]
         found = TouchEstimate(
-            seen.mean, seen.cov, self.plain.shares(seen, places), np.zeros((len(x), causes)),
-            seen.misfit,
+            seen.mean, widened(seen.cov, seen.misfit / self.usual),
+            self.plain.shares(seen, places), np.zeros((len(x), causes)), seen.misfit,
         )  # fmt: skip
-        # wider where a touch leaves more unexplained than is usual (Birge, Phys. Rev. 40, 1932)
-        found.cov[:] *= np.maximum(seen.misfit / self.usual, 1.0)[:, None, None]
         rows = np.flatnonzero(seen.misfit > self.UNLIKE * self.usual)
         if len(rows):
             if causes:
@@ -228,7 +227,7 @@ class TouchPosterior:
         # channels differ by a share of the cause, which may be stronger than usual
         wider = np.maximum(other.misfit / x.shape[1], 1.0)
         wider *= 1 + (self.entry / self.blurred) ** 2 * (cause * cause).sum(axis=1)
-        mean, cov = other.mean[:, :told], other.cov * wider[:, None, None]
+        mean, cov = other.mean[:, :told], widened(other.cov, wider)
         found.cov[rows] = _mixed(found.mean[rows], mean, found.cov[rows], cov, share)
         found.mean[rows] += share * (mean - found.mean[rows])
         found.shares[rows] += share * (self.beside.shares(other, places) - found.shares[rows])

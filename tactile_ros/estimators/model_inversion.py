@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from tactile_ros.estimators.covariance import scaled
 from tactile_ros.physics.compiled import call_model, compiled, inlined, model_address
 
 if TYPE_CHECKING:
@@ -107,7 +108,7 @@ class Calibration:
         usual = prior.parameter_sigma
         share = 1 / (1 + np.square(own / np.maximum(usual, TINY)))
         away = self.parameters - prior.parameters
-        covariance = self.covariance * np.outer(share, share)
+        covariance = scaled(self.covariance, share)
         covariance[np.diag_indices(len(share))] += (1 - share) * usual**2
         return replace(self, parameters=prior.parameters + share * away, covariance=covariance)
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactile_ros.estimators.covariance import scale_by_groups
 from tactile_ros.estimators.evidence_regression import HyperPrior, Moments, leave_groups_out
 from tactile_ros.estimators.regression import fitted, training_rows
 from tactile_ros.physics.resistive_sheet import SeriesResistance
@@ -38,7 +39,7 @@ GAPS = (0.0, 0.3, 0.6, 0.8, 0.9)  # of the lightest force
 CREEP = math.log(0.03)  # log of the prior sigma of a further feature: a film creeps by percents
 UNKNOWN_NOISE = 0.01
 FLATTEST = -0.2  # slope of the logarithm of force over that of the film
-FEWEST, FEWEST_GROUPS, MOST_ROWS = 12, 5, 3000
+FEWEST, MOST_ROWS = 12, 3000
 BEYOND = 0.15  # of the range of the film's logarithm, in which the curve goes on
 LEAST_FILM = 0.02  # of R
 LEAST_FORCE = 1e-6  # N
@@ -77,9 +78,7 @@ class PowerLawForce:
     linear_: Array  # (m,) weights of the further features
     linear_covariance_: Array  # (m, m) theirs
     noise_: Array  # (2,) variance of the divider over the squared film, or of an unknown noise
-    cells_: (
-        Array  # (g, g, 3) log variance of the calibration, a polynomial in the film's logarithm
-    )
+    cells_: Array  # (g, g, 3) log variance of the calibration, by powers of the film's logarithm
     most_: float  # logarithm of the largest answer
 
     def __init__(
@@ -126,28 +125,11 @@ class PowerLawForce:
         )
         estimate = net * np.exp(np.clip(-off * sigma, -MOST_ERROR, MOST_ERROR))
         errors, variances = np.full((2, len(y)), np.nan)
-        scale = self._scale_cells(off * sigma, sigma, variance, groups)
+        scale = scale_by_groups(off * sigma, variance * sigma**2, sigma**2, groups)
+        self.cells_[:, :, 0] += math.log(scale)
         errors[there] = estimate - net
         variances[there] = (1 + scale * variance) * (sigma * net) ** 2
         return errors, variances
-
-    def _scale_cells(self, error: Array, sigma: Array, variance: Array, groups: Integers) -> float:
-        """Scale of the calibration's variances (s,), over the noise's, by groups left out.
-
-        By the mean size of the errors of groups over their stated sigma, which is 0.8 where these
-        are normal: few places far off count less than in a mean square.
-        """
-        index = np.unique(groups, return_inverse=True)[1].reshape(-1)
-        count = np.bincount(index)
-        if len(count) < FEWEST_GROUPS:
-            return 1.0
-        each, stated, noise = (
-            np.bincount(index, v) / count for v in (error, variance * sigma**2, sigma**2)
-        )
-        size = np.abs(each) / np.sqrt(stated + noise / count)
-        scale = max(math.pi / 2 * float(size.mean()) ** 2, 1e-6)
-        self.cells_[:, :, 0] += math.log(scale)
-        return scale
 
     def predict(self, x: Array) -> Array:
         """Forces (s, 1) (N)."""
@@ -190,16 +172,12 @@ class PowerLawForce:
             film, net = np.log(self._film_of_fit(x)), np.log(force - self.gap_)
             if np.ptp(film) > 1e-6:
                 self.steep_ = min(float(np.polyfit(film, net, 1)[0]), FLATTEST)
-            found.append((self._evidence(x, force), self.gap_, self.steep_))
+            moments, volume, _, _ = self._moments(x, force - self.gap_)
+            prior = self._prior(x.shape[1] - 3)(self.hyper_)[0]
+            found.append((moments.evidence(np.exp(prior))[0] + volume, self.gap_, self.steep_))
         _, self.gap_, self.steep_ = max(found)
         moments = self._moments(x, force - self.gap_)[0]
         self.hyper_ = HYPER.maximise(moments, self._prior(x.shape[1] - 3))
-
-    def _evidence(self, x: Array, force: Array) -> float:
-        """Log evidence of forces with what is chosen so far."""
-        moments, volume, _, _ = self._moments(x, force - self.gap_)
-        prior = self._prior(x.shape[1] - 3)(self.hyper_)[0]
-        return moments.evidence(np.exp(prior))[0] + volume
 
     def _moments(self, x: Array, net: Array) -> tuple[Moments, float, Array, Array]:
         """Moments of forces over the gap, log volume of their weights, terms and scatter (s,)."""
@@ -283,7 +261,8 @@ class PowerLawForce:
         self.table_ = table
         self.wrong_, self.linear_ = weights[FIELDS : len(MEAN)], weights[at:]
         self.linear_covariance_ = root[:, at:].T @ root[:, at:]
-        grid = _grid()
+        line = np.linspace(0.0, 1.0, CELLS)  # middles of the cells over the sheet's edges
+        grid = np.stack(np.meshgrid(line, line, indexing='ij'), axis=-1).reshape(-1, 2)
         low, high, middle = self.film_
         levels, found = np.linspace(np.log(low), np.log(high), LEVELS) - middle, []
         for level in levels:
@@ -299,9 +278,3 @@ def _cosines(places: Array) -> Array:
     angle = places[:, :, None] * (math.pi * np.arange(MOST_WAVES))
     waves = np.cos(angle)
     return np.asarray((waves[:, 0, :, None] * waves[:, 1, None, :]).reshape(len(places), -1))
-
-
-def _grid() -> Array:
-    """Middles of the cells (g * g, 2) in units of the sheet's edges."""
-    line = np.linspace(0.0, 1.0, CELLS)
-    return np.stack(np.meshgrid(line, line, indexing='ij'), axis=-1).reshape(-1, 2)

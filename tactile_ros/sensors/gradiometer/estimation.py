@@ -23,7 +23,7 @@ from scipy.stats import chi2
 
 import tactile_ros.sensors.gradiometer.disc_model as disc
 from tactile_ros.conditioning.baseline import training_baseline_variance
-from tactile_ros.estimators.covariance import CovarianceModel
+from tactile_ros.estimators.covariance import CovarianceModel, scaled
 from tactile_ros.estimators.evidence import Influence, learn_noise
 from tactile_ros.estimators.model_inversion import (
     FIXED,
@@ -519,8 +519,7 @@ class GradiometerEstimation(Estimation):
             rows = np.flatnonzero(near)
             beside = self._invert_disturbed(frames.of(rows), states[rows])
             answers[rows], states[rows] = beside.answers, beside.states
-            wide = self.near_scale_[:, None] * self.near_scale_
-            covariance[rows] = wide * beside.answer_covariance
+            covariance[rows] = scaled(beside.answer_covariance, self.near_scale_)
         if self.covariance_ is not None:
             covariance = covariance + self._least_variance
             covariance, beyond = self.covariance_.predict(covariance, self._drivers(states))

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from tactile_ros.conditioning.baseline import training_baseline_variance
-from tactile_ros.estimators.covariance import CovarianceModel
+from tactile_ros.estimators.covariance import CovarianceModel, widened
 from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.physics.temperature import REMANENCE_SLOPE, plausible_temperature
 from tactile_ros.sensors.magnet_pad.body_model import (
@@ -418,7 +418,7 @@ class Localisation(Regression):
         if own is not None and np.count_nonzero(own):
             tares = np.where(own > 0, own + self.tare_variance_, 0.0)[rows]
             share = inversion.noise**2 / inversion.variance(x)
-            cov *= (1 + tares * share)[:, None, None]
+            cov[:] = widened(cov, 1 + tares * share)
         warm, sigma = self.drift_.uncertainty(signals, inversion.noise)
         if len(warm):
             index = np.searchsorted(rows, warm)

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tactile_ros.estimators.covariance import CovarianceModel
+from tactile_ros.estimators.covariance import CovarianceModel, widened
 from tactile_ros.estimators.gaussian_sum_table import Linearised, TouchEstimate, TouchPosterior
 from tactile_ros.estimators.grid_knn import GridKnn
 from tactile_ros.estimators.model_selection import held_out_report, rms_length
@@ -221,7 +221,7 @@ class PadInversion:
             found = table(x[held], np.zeros((1, 3)))
             mean[held], cov[held], misfit[held] = found.mean, found.cov, found.misfit
         self.misfit_ = max(float(np.quantile(misfit, 0.95)), 1.0)
-        cov *= np.maximum(misfit / self.misfit_, 1.0)[:, None, None]
+        cov = widened(cov, misfit / self.misfit_)
         error, stated = mean - answers, cov + np.diag(FLOOR)
         self.covariance_ = CovarianceModel().fit(error, stated, groups, x)
         sigma = np.sqrt(np.diagonal(self.covariance_.predict(stated, x)[0], axis1=1, axis2=2))

@@ -10,6 +10,7 @@ import numpy as np
 from tactile_ros.conditioning.contact import PatchIds
 from tactile_ros.conditioning.equilibration import Equilibration
 from tactile_ros.estimators.contact_patches import Patches, PatchFinder
+from tactile_ros.estimators.covariance import scaled
 from tactile_ros.estimators.object_pose import Found, ObjectPose
 from tactile_ros.physics.coverage import area_share
 from tactile_ros.sensors.taxel_array.config import TaxelArrayConfig
@@ -101,7 +102,7 @@ def _weigh(
         columns['force'][i, 2] = seen + hidden
         # the error of the pressure is that of the forces which tell it
         grown = (seen + hidden) / seen if seen > 0 else 1.0
-        columns['force_cov'][i, 2, 2] *= grown**2
+        columns['force_cov'][i] = scaled(columns['force_cov'][i], np.array([1.0, 1.0, grown]))
 
 
 class ArrayPatches:
