@@ -1,11 +1,12 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Surroundings of a grip while its delay is taken: boards that send, a hand that listens.
 
-Each in a process of its own, so that what is measured is the nodes alone. Boards play a rest, then
-a press that stays, and keep when they wrote each frame; the listener keeps when the middleware of
-the nodes sent each command, which is the end of their work, and when its own received it. The
-kernel tells in /proc how long a thread ran and how long it was ready without a processor; in which
-of its functions a thread sleeps is looked at again and again, from another process.
+Each in a process of its own, so that what is measured is the nodes alone. Boards play a rest, and
+a press that stays once fingers close: of a hand that stands still no other is believed. They keep
+when they wrote each frame; the listener keeps when the middleware of the nodes sent each command,
+which is the end of their work, and when its own received it. The kernel tells in /proc how long a
+thread ran and how long it was ready without a processor; in which of its functions a thread sleeps
+is looked at again and again, from another process.
 """
 
 from __future__ import annotations
@@ -18,10 +19,12 @@ import tty
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
+from itertools import cycle
 from math import nan
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
+from select import select
 from threading import get_native_id
 
 import numpy as np
@@ -38,6 +41,7 @@ from tactile_ros.types import Array
 COMMANDS, STATES = '/allegroHand_0/joint_cmd', '/allegroHand_0/joint_states'
 POSTURE_S, PATIENCE_S = 0.01, 30.0
 FLICKER = 1e-5  # rad, of encoders: a posture that never changes is a fault
+CLOSING = 0.02  # rad of a command from the posture: fingers know their zero
 SILENT_S = 2.0  # without commands, after which a grasp is asked for again
 STAMP = struct.Struct('<iI')  # of the header behind the four bytes that every message begins with
 FORK = get_context('fork')
@@ -59,7 +63,7 @@ class Scene:
     sensor: str
     rate_hz: float
     fingers: tuple[str, ...]  # with a sensor of their own; the others of the hand hear the first
-    encode: Callable[[int, int], bytes]  # of frame, time (us)
+    encode: Callable[[int, int, int], bytes]  # of row, frame, time (us)
     values: dict[str, Value]  # parameters of the sensors
 
     @property
@@ -76,8 +80,7 @@ def gradiometer_scene(folder: Path, estimator: str | None = None) -> Scene:
     values, warmth = _calibrated(folder, 'gradiometer', config, estimator)
     counts = np.rint(values / spec.connection().tesla_per_count).astype(np.int64)
 
-    def encode(frame: int, time_us: int) -> bytes:
-        row = _row(frame)
+    def encode(row: int, frame: int, time_us: int) -> bytes:
         return framed(payload, counts[row], frame, time_us, warmth[row])
 
     parameters = {'rate_hz': FAST_HZ, 'native_usb': True}
@@ -92,14 +95,7 @@ def skin_scene(folder: Path) -> Scene:
     config = dataclasses.replace(spec.config(), positions=places, rate_hz=SLOW_HZ)
     frames = [packet(row) for row in _calibrated(folder, 'reskin_board', config)[0]]
     parameters = {'rate_hz': SLOW_HZ, 'positions': places.ravel().tolist()}
-    return Scene(
-        'reskin_board', SLOW_HZ, FINGERS, lambda frame, _: frames[_row(frame)], parameters
-    )
-
-
-def _row(frame: int) -> int:
-    """Row that is played: rest, then the press again and again."""
-    return frame if frame < REST else REST + (frame - REST) % KEPT
+    return Scene('reskin_board', SLOW_HZ, FINGERS, lambda row, *_: frames[row], parameters)
 
 
 def _calibrated(
@@ -160,7 +156,7 @@ class Helper:
 
 
 def boards(scene: Scene) -> Callable[[Connection], None]:
-    """Work of boards that send side by side; reports when each frame of the last was written."""
+    """Work of boards that rest until told, then press; reports when the last wrote each frame."""
 
     def work(pipe: Connection) -> None:
         with ExitStack() as stack:
@@ -170,14 +166,18 @@ def boards(scene: Scene) -> Callable[[Connection], None]:
                 port.wait_for_reader(PATIENCE_S)
             period_ns, begin = round(NS / scene.rate_hz), time.time_ns()
             written: list[int] = []
-            while len(written) % 64 or not pipe.poll():
-                at = begin + len(written) * period_ns
-                time.sleep(max(at - time.time_ns(), 0) / NS)
-                frame = scene.encode(len(written), (time.time_ns() - begin) // 1000)
-                for port in ports:
-                    now = time.time_ns()
-                    port.send(frame)
-                written.append(now)
+            for rows in (range(REST), range(REST, REST + KEPT)):
+                for row in cycle(rows):
+                    at = begin + len(written) * period_ns
+                    time.sleep(max(at - time.time_ns(), 0) / NS)
+                    frame = scene.encode(row, len(written), (time.time_ns() - begin) // 1000)
+                    for port in ports:
+                        now = time.time_ns()
+                        port.send(frame)
+                    written.append(now)
+                    if select([pipe], [], [], 0)[0]:
+                        break
+                pipe.recv()
             pipe.send(np.array(written, np.int64))
 
     return work
@@ -186,20 +186,18 @@ def boards(scene: Scene) -> Callable[[Connection], None]:
 def listener(pipe: Connection) -> None:
     """Work of a hand that stands still: tells its posture, asks for a grasp, hears commands.
 
-    Reports stamps of the forces that commands answer, when they were sent and received (3, n).
+    Reports that it closes; then stamps of the forces that commands answer, when they were sent and
+    received (3, n), and how its grasps ended.
     """
     import rclpy
     from rclpy.node import Node
 
     rclpy.init()
     node = Node('listening_hand')
-    hand, reported = Hand(node), False
+    hand = Hand(node, pipe)
     while not pipe.poll():
         rclpy.spin_once(node, timeout_sec=0.05)
-        if len(hand.heard) > 10 and not reported:
-            pipe.send('commands come')
-            reported = True
-    pipe.send(np.array(hand.heard, np.int64).reshape(-1, 3).T)
+    pipe.send((np.array(hand.heard, np.int64).reshape(-1, 3).T, '; '.join(hand.ends)))
     node.destroy_node()
     rclpy.try_shutdown()
 
@@ -207,33 +205,37 @@ def listener(pipe: Connection) -> None:
 class Hand:
     """A hand that stands still."""
 
-    def __init__(self, node: object) -> None:
+    def __init__(self, node: object, pipe: Connection) -> None:
         from rclpy.action import ActionClient
-        from rclpy.qos import QoSProfile
         from sensor_msgs.msg import JointState
 
         from tactile_ros.action import Grasp
         from tactile_ros.hands import load_hand
 
-        self.heard: list[tuple[int, int, int]] = []
-        self._counted, self._silent_s, self._asked_s = 0, time.monotonic(), 0.0
+        self.heard, self.ends = [], []
+        self._pipe, self._closes, self._silent_s = pipe, False, time.monotonic()
         self._node, self._kind, self._goal = node, JointState, Grasp.Goal(target_force=FORCE)
         described = load_hand('allegro_v5')
         self._names = list(described.driver.joints)
         self._posture = described.posture('pre_grasp', np.zeros(16))
         self._rng = np.random.default_rng(0)
         self._states = node.create_publisher(JointState, STATES, 10)
-        deep = QoSProfile(depth=1000)
-        node.create_subscription(JointState, COMMANDS, self._on_command, deep, raw=True)
+        node.create_subscription(JointState, COMMANDS, self._on_command, 1000, raw=True)
         self._grasp = ActionClient(node, Grasp, 'grip_node/grasp')
         node.create_timer(POSTURE_S, self._tell)
 
     def _on_command(self, data: bytes, info: dict[str, int]) -> None:
-        """Keep the times of a command."""
-        sec, nanosec = STAMP.unpack_from(data, 4)
-        self.heard.append(
-            (sec * NS + nanosec, info['source_timestamp'], info['received_timestamp'])
-        )
+        """Keep the times of a command, and look whether it closes."""
+        (sec, nanosec), sent = STAMP.unpack_from(data, 4), info['source_timestamp']
+        self.heard.append((sec * NS + nanosec, sent, info['received_timestamp']))
+        self._silent_s = time.monotonic()
+        if not self._closes:
+            from rclpy.serialization import deserialize_message
+
+            away = deserialize_message(data, self._kind).position - self._posture
+            self._closes = bool(np.abs(away).max() > CLOSING)
+            if self._closes:
+                self._pipe.send('it closes')
 
     def _tell(self) -> None:
         """Say where the joints are, and ask for a grasp where no commands come."""
@@ -241,13 +243,14 @@ class Hand:
         message = self._kind(name=self._names, position=(self._posture + flicker).tolist())
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._states.publish(message)
-        now_s = time.monotonic()
-        if len(self.heard) > self._counted:
-            self._counted, self._silent_s = len(self.heard), now_s
-        if now_s - max(self._silent_s, self._asked_s) > SILENT_S:
-            if self._grasp.server_is_ready():
-                self._grasp.send_goal_async(self._goal)
-            self._asked_s = now_s
+        if time.monotonic() - self._silent_s > SILENT_S and self._grasp.server_is_ready():
+            self._silent_s = time.monotonic()
+            self._grasp.send_goal_async(self._goal).add_done_callback(self._on_answer)
+
+    def _on_answer(self, accepted: object) -> None:
+        """Keep how a grasp ends."""
+        end = accepted.result().get_result_async()
+        end.add_done_callback(lambda done: self.ends.append(done.result().result.message))
 
 
 def floor(port: str, threads: str) -> None:
@@ -322,9 +325,7 @@ def watched(pid: int, threads: list[int], seconds: float) -> str:
         time.sleep(LOOK_S)
     ran, ready = (_scheduled(places) - before) / max(len(places), 1) / seconds / NS
     slept = [LOCK in where for where in seen if where not in ('', '0')]
-    parts = {}
-    if ran > 0:
-        parts = {'ran': ran, 'were ready without a processor': ready}
+    parts = {'ran': ran, 'were ready without a processor': ready} if ran > 0 else {}
     if slept:
         parts['slept until a lock was free'] = sum(slept) / len(seen)
         parts['slept until bytes came'] = slept.count(False) / len(seen)
