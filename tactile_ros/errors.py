@@ -13,6 +13,9 @@ TactileError
 
 from __future__ import annotations
 
+from importlib import import_module
+from types import ModuleType
+
 
 class TactileError(Exception):
     """Root of the tree: everything that this package raises on purpose besides ValueError."""
@@ -44,6 +47,15 @@ class RecordingError(TactileError):
 
 class MissingPackageError(TactileError):
     """An optional package is not installed; the sentence says how to install it."""
+
+
+def load_package(name: str, need: str, package: str = '') -> ModuleType:
+    """Import an optional module; MissingPackageError says who needs it and what pip installs."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        msg = f'{need}: pip install {package or name.partition(".")[0]}'
+        raise MissingPackageError(msg) from error
 
 
 def plain(text: str) -> str:

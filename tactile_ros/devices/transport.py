@@ -9,15 +9,12 @@ import os
 import select
 import termios
 import time
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from tactile_ros.errors import DeviceError, DeviceTimeout, MissingPackageError, NotAcknowledged
+from tactile_ros.errors import DeviceError, DeviceTimeout, NotAcknowledged, load_package
 
 if TYPE_CHECKING:
-    from types import ModuleType
-
     import serial
     from smbus2 import i2c_msg
 
@@ -27,24 +24,15 @@ READ_BYTES = 4096
 WAITS_S = 0.1  # the least that terminals wait for
 LOOK_S = 1.0
 I2C_TIMEOUT, I2C_TIMEOUT_10MS = 0x0702, 2  # linux/i2c-dev.h; how long an adapter may hold on
-PACKAGES = {'serial': ('serial ports', 'pyserial'), 'smbus2': ('I2C buses', 'smbus2')}
-
-
-def _imported(name: str) -> ModuleType:
-    things, package = PACKAGES[name]
-    try:
-        if name == 'serial':
-            import_module('serial.tools.list_ports')
-        return import_module(name)
-    except ImportError as err:
-        apt = f'apt install python3-{name}'
-        msg = f'{things} need {package}: pip install {package} (or {apt})'
-        raise MissingPackageError(msg) from err
+SERIAL = ('serial ports need pyserial', 'pyserial (or apt install python3-serial)')
+SMBUS2 = ('I2C buses need smbus2', 'smbus2 (or apt install python3-smbus2)')
 
 
 def list_ports() -> list[str]:
     """Names of the serial ports that this machine has."""
-    return sorted(port.device for port in _imported('serial').tools.list_ports.comports())
+    return sorted(
+        port.device for port in load_package('serial.tools.list_ports', *SERIAL).comports()
+    )
 
 
 def list_buses() -> list[str]:
@@ -102,7 +90,7 @@ class SerialPort:
         """
         if self._serial is not None:
             return
-        pyserial, device = _imported('serial'), None
+        pyserial, device = load_package('serial', *SERIAL), None
         try:
             device = pyserial.Serial(self.port, self.baud, timeout=0, exclusive=True)
             terminal = device.fileno()
@@ -195,7 +183,7 @@ class I2cBus:
         """Hold the bus; DeviceError where it is missing or forbidden."""
         if self._master is not None:
             return
-        smbus2 = _imported('smbus2')
+        smbus2 = load_package('smbus2', *SMBUS2)
         if self._given is not None:
             self._master = self._given
             return
@@ -234,7 +222,7 @@ class I2cBus:
 
     def _build(self, address: int, data: bytes, count: int) -> tuple[I2cMessage, ...]:
         """Messages of a transfer; those of commands are kept, since they come again."""
-        message = _imported('smbus2').i2c_msg
+        message = load_package('smbus2', *SMBUS2).i2c_msg
         parts = [message.write(address, data)] if data else []
         parts += [message.read(address, count)] if count else []
         if len(data) <= 1:

@@ -3,12 +3,11 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_ros.errors import MissingPackageError
+from tactile_ros.errors import load_package
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -23,11 +22,7 @@ class Embedding:
     """
 
     def __init__(self, path: Path) -> None:
-        try:
-            runtime = importlib.import_module('onnxruntime')
-        except ImportError as error:
-            msg = 'a network needs onnxruntime: pip install onnxruntime'
-            raise MissingPackageError(msg) from error
+        runtime = load_package('onnxruntime', 'a network needs onnxruntime')
         options = runtime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 3

@@ -22,10 +22,8 @@ from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from heapq import heappop, heappush
-from importlib import import_module
 from pathlib import Path
 from threading import RLock
-from types import ModuleType
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 import numpy as np
@@ -33,7 +31,7 @@ import yaml
 
 from tactile_ros import __version__
 from tactile_ros.conditioning.baseline import tare_means, tare_runs
-from tactile_ros.errors import MissingPackageError, RecordingError
+from tactile_ros.errors import MissingPackageError, RecordingError, load_package
 from tactile_ros.files import read_yaml
 from tactile_ros.messages import fill_baseline, fill_contacts, fill_frame, fill_header, fill_layout
 from tactile_ros.types import STATE_FIELDS, Closing, ContactState, Frame, Recording
@@ -66,16 +64,6 @@ LATCHED = re.compile(r'durability:\s*(?:1\b|transient_local)')  # in offered QoS
 RULE = '=' * 80
 
 
-def load_package(name: str, purpose: str) -> ModuleType:
-    """Import an optional package, or a module of it; MissingPackageError says how to get it."""
-    try:
-        return import_module(name)
-    except ImportError as err:
-        package = name.partition('.')[0]
-        msg = f'{purpose} needs {package}: pip install {package}'
-        raise MissingPackageError(msg) from err
-
-
 def message_folder() -> Path:
     """Find the .msg files beside the source, else in the share of an installation."""
     above = Path(__file__).resolve().parents
@@ -93,7 +81,7 @@ def message_folder() -> Path:
 @lru_cache(maxsize=1)
 def all_types() -> Typestore:
     """Codec of rosbags for the standard types and those of msg/*.msg."""
-    rosbags = load_package('rosbags.typesys', 'reading the messages of a bag')
+    rosbags = load_package('rosbags.typesys', 'reading the messages of a bag needs rosbags')
     store: Typestore = rosbags.get_typestore(rosbags.Stores.LATEST)
     own = {}
     for file in sorted(message_folder().glob('*.msg')):
@@ -224,7 +212,7 @@ class BagWriter(Closing):
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        mcap = load_package('mcap.writer', 'recording a bag')
+        mcap = load_package('mcap.writer', 'recording a bag needs mcap')
         self.path = Path(path)
         self._topics: dict[str, _Topic] = {}
         self._schemas: dict[str, int] = {}
@@ -503,7 +491,8 @@ class _McapFile:
 
     def __init__(self, path: Path, content: BagContent, takers: Takers) -> None:
         names = ('mcap.records', 'mcap.data_stream', 'mcap.exceptions')
-        self.kinds, self.stream, self.errors = (load_package(n, 'reading a bag') for n in names)
+        need = 'reading a bag needs mcap'
+        self.kinds, self.stream, self.errors = (load_package(name, need) for name in names)
         self.path, self.content, self.takers = path, content, takers
         self.size = path.stat().st_size
         self.schemas: dict[int, Schema] = {}
@@ -659,12 +648,14 @@ def unpack(compression: str, data: bytes, size: int) -> bytes:
         raise RecordingError(msg)
     if compression == '':
         return data[:size]
-    purpose = f'reading a bag compressed with {compression}'
+    need = f'reading a bag compressed with {compression} needs'
     if compression == 'zstd':
-        decompressor = load_package('zstandard', purpose).ZstdDecompressor()
+        decompressor = load_package('zstandard', f'{need} zstandard').ZstdDecompressor()
         read = decompressor.stream_reader(io.BytesIO(data)).read
     elif compression == 'lz4':
-        read = partial(load_package('lz4.frame', purpose).LZ4FrameDecompressor().decompress, data)
+        read = partial(
+            load_package('lz4.frame', f'{need} lz4').LZ4FrameDecompressor().decompress, data
+        )
     else:
         msg = f'its compression {compression[:20]!r} is not known'
         raise RecordingError(msg)

@@ -20,7 +20,8 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from tactile_ros.evaluation.bag import Taker, load_package
+from tactile_ros.errors import load_package
+from tactile_ros.evaluation.bag import Taker
 from tactile_ros.evaluation.recording_files import PIECE, Bag, LoadedRecording
 from tactile_ros.evaluation.replay import Follower
 from tactile_ros.files import temporary_folder, write_atomically
@@ -34,8 +35,8 @@ CONTACT_FIELDS = [name for name, (shape, _, _) in STATE_FIELDS.items() if shape 
 
 def arrow() -> Arrow:
     """Load pyarrow; MissingPackageError says how to install it."""
-    load_package('pyarrow.parquet', 'writing parquet')
-    return load_package('pyarrow', 'writing parquet')
+    load_package('pyarrow.parquet', 'writing parquet needs pyarrow')
+    return load_package('pyarrow', 'writing parquet needs pyarrow')
 
 
 def arrow_column(column: Column) -> Arrow:

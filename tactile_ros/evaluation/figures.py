@@ -23,7 +23,7 @@ import numpy.typing as npt
 from scipy.special import ndtri
 
 from tactile_ros.conditioning.loading_direction import dead_band, loading_signs
-from tactile_ros.errors import MissingPackageError, TactileError
+from tactile_ros.errors import MissingPackageError, TactileError, load_package
 from tactile_ros.evaluation import metrics
 from tactile_ros.files import write_atomically
 from tactile_ros.types import Array, Bools, Integers
@@ -345,14 +345,10 @@ class Drawing:
 
 def check_png() -> None:
     """Raise MissingPackageError where no PNG with text could be written."""
-    try:
-        import resvg_py
-    except ImportError as error:
-        msg = 'pictures need resvg: pip install resvg-py'
-        raise MissingPackageError(msg) from error
+    drawing = load_package('resvg_py', 'pictures need resvg', 'resvg-py')
     blank = '<svg xmlns="http://www.w3.org/2000/svg" width="20" height="20"><style>' + STYLE
     shown = (f'{blank}</style>{text}</svg>' for text in ('', '<text y="15">M</text>'))
-    if len({resvg_py.svg_to_bytes(svg_string=_light(svg)) for svg in shown}) == 1:
+    if len({drawing.svg_to_bytes(svg_string=_light(svg)) for svg in shown}) == 1:
         msg = 'pictures need a font: DejaVu Sans (fonts-dejavu-core), Noto Sans or Roboto'
         raise MissingPackageError(msg)
 

@@ -23,9 +23,8 @@ import numpy as np
 
 from tactile_ros import calibration as files
 from tactile_ros.conditioning.baseline import tare_runs
-from tactile_ros.errors import CalibrationError, RecordingError, TactileError
+from tactile_ros.errors import CalibrationError, RecordingError, TactileError, load_package
 from tactile_ros.evaluation import metrics
-from tactile_ros.evaluation.bag import load_package
 from tactile_ros.evaluation.recording_files import Bag, ClassesChangedError, LoadedRecording, find
 from tactile_ros.evaluation.replay import Follower
 from tactile_ros.evaluation.report import CELLS, Answer, Dataset, answer, inside_one_sigma, rows_of
@@ -349,7 +348,7 @@ def _pool(
 
 def _on_dask(jobs: Sequence[Job], scheduler: str, add: Callable[[Outcome], None]) -> None:
     """Do jobs on a cluster: Dask gives those of a lost worker to another, a few times."""
-    distributed = load_package('distributed', 'a Dask cluster')
+    distributed = load_package('distributed', 'a Dask cluster needs distributed')
     try:
         client = distributed.Client(scheduler, timeout=10, set_as_default=False)
     except (OSError, ValueError) as err:

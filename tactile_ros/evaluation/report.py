@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_ros import __version__
+from tactile_ros.errors import load_package
 from tactile_ros.evaluation import figures, metrics
-from tactile_ros.evaluation.bag import load_package
 from tactile_ros.evaluation.compare import COLUMNS, NOTES, Comparison, paired_groups, row_of
 from tactile_ros.evaluation.figures import MM, Drawing, Figure, quantity, rounded
 from tactile_ros.evaluation.metrics import Agreement
@@ -190,7 +190,7 @@ class Result:
 
         Raises MissingPackageError where pandas is not installed.
         """
-        pandas = load_package('pandas', 'a table of errors')
+        pandas = load_package('pandas', 'a table of errors needs pandas')
         parts = [
             _error_columns(one.name, answer.name, target, axis)
             for one in self.datasets

@@ -11,14 +11,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from types import ModuleType, SimpleNamespace
 from typing import Protocol
 
 import numpy as np
 
 from tactile_ros.control import GripStep
-from tactile_ros.errors import MissingPackageError
+from tactile_ros.errors import load_package
 from tactile_ros.hands.drivers import JOINT_STATE, TRAJECTORY, read_command, read_joint_states
 from tactile_ros.simulation.mjcf import HandModel, scene_text
 from tactile_ros.simulation.skins import Fingertip
@@ -78,11 +77,7 @@ class Rig:
 
 def load_engine() -> ModuleType:
     """MuJoCo's module, or a `MissingPackageError` that says how to install it."""
-    try:
-        return import_module('mujoco')
-    except ImportError as error:
-        msg = 'simulated hands need MuJoCo: pip install mujoco'
-        raise MissingPackageError(msg) from error
+    return load_package('mujoco', 'simulated hands need MuJoCo')
 
 
 class HandWorld:

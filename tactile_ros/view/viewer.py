@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tactile_ros.errors import MissingPackageError, TactileError
+from tactile_ros.errors import TactileError, load_package
 from tactile_ros.messages import Message
 from tactile_ros.physics.magnetics import in_sensor_axes
 from tactile_ros.types import Array, Closing, ContactState, Frame, Layout
@@ -253,13 +253,9 @@ class Viewer(Closing):
     """
 
     def __init__(self, port: int | None, file: Path | None = None) -> None:
-        try:
-            import foxglove
-            from foxglove import channels
-        except ImportError as error:
-            msg = 'tactile view needs foxglove-sdk: pip install foxglove-sdk'
-            raise MissingPackageError(msg) from error
-        self._foxglove, self._kinds = foxglove, channels
+        need = 'tactile view needs foxglove-sdk'
+        self._kinds = load_package('foxglove.channels', need, 'foxglove-sdk')
+        self._foxglove = foxglove = load_package('foxglove', need, 'foxglove-sdk')
         self._context, self._held = foxglove.Context(), ExitStack()
         self._logs: dict[str, Callable[..., None]] = {}
         self._seen: dict[str, Seen] = {}

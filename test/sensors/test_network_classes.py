@@ -1,6 +1,7 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """The network of [1] as a road of a fit, beside templates and neighbours."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +10,6 @@ import pytest
 
 from reference.skin_collection import TARE, WINDOW, collected
 from tactile_ros.errors import MissingPackageError
-from tactile_ros.estimators import embedding
 from tactile_ros.sensors import load_sensor
 from tactile_ros.sensors.multipole_skin.config import nine_heads
 from tactile_ros.sensors.multipole_skin.recogniser import NETWORKS
@@ -66,9 +66,6 @@ def test_it_may_be_asked_for_and_names_presses_and_no_more(
 def test_without_onnxruntime_it_is_refused_in_a_sentence(
     taught: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def missing(_: str) -> object:
-        raise ImportError
-
-    monkeypatch.setattr(embedding.importlib, 'import_module', missing)
+    monkeypatch.setitem(sys.modules, 'onnxruntime', None)
     with pytest.raises(MissingPackageError, match='pip install onnxruntime'):
         SPEC.pipeline(CONFIG, estimator=NETWORKS[0]).fit(taught)
