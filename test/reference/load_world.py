@@ -11,8 +11,8 @@ from collections import deque
 
 import numpy as np
 
+from reference.hand_scenes import FINGERS, GRAVITY, KINETIC, Handling
 from tactile_ros.control import GripInput, GripStep
-from tactile_ros.simulation.scenes import FINGERS, GRAVITY, KINETIC, Handling
 
 FINE = 5e-4  # s
 DROPPED = 0.02  # m

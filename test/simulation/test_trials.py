@@ -7,13 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from reference import hand_scenes as scenes
 from reference.grasp_film import Film
 from reference.grasp_trials import Trials, fingertips, fitted, grips, mistaken, named, rig_of
+from reference.hand_scenes import Handling, Touched
 from tactile_ros.control import GripConfig, GripPhase
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.hands.drivers import TRAJECTORY
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-from tactile_ros.simulation import scenes, skins
+from tactile_ros.simulation import skins
 from tactile_ros.simulation.hand_world import Decided, HandWorld, message
 from tactile_ros.simulation.hands import (
     LAG,
@@ -23,7 +25,6 @@ from tactile_ros.simulation.hands import (
     soft_hand,
 )
 from tactile_ros.simulation.mjcf import HandModel, scene_text, solid
-from tactile_ros.simulation.scenes import Handling, Touched
 from tactile_ros.simulation.skins import AVERAGED, Fingertip, magnet_pad_skin
 from tactile_ros.types import GripCommand
 
