@@ -8,6 +8,7 @@ gains and rates that are not here follow from these and from the drives of the h
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import isfinite, nan
 
 from tactile_ros.types.config_fields import admit, number, text_of, whole
@@ -65,22 +66,22 @@ class GripConfig:
             )
             raise ValueError(msg)
 
-    @property
+    @cached_property
     def slowest_period(self) -> float:
         """Period (s) of commands or of contacts, whichever come less often."""
         return 1.0 / min(self.input_rate_hz, self.rate_hz)
 
-    @property
+    @cached_property
     def stale_age(self) -> float:
         """Age (s) beyond which an input is stale: `stale_after`, or three periods if longer."""
         return max(self.stale_after, 3.0 * self.slowest_period)
 
-    @property
+    @cached_property
     def delay(self) -> float:
         """Dead time of the loop with that of sampling (s)."""
         return self.dead_time + (HALF_HOLD + COMPUTING) * self.slowest_period
 
-    @property
+    @cached_property
     def loop_time(self) -> float:
         """Time constant of the closed loop, and its dead time (s)."""
         return (1.0 + RESPONSE) * self.delay

@@ -48,7 +48,7 @@ OLDEST_S = 1.0  # first message that may tell that clocks agree
 STEP_S = 0.05  # change between wall and monotonic clock from one message to the next: a jump
 
 
-@dataclass(frozen=True)
+@dataclass  # frozen it costs a step 2 us
 class Decision:
     """One step of the law, with the command that is sent (None: nothing).
 
@@ -134,7 +134,7 @@ class GripLoop:
 
     def take_touch(
         self,
-        finger: int,
+        fingers: Sequence[int],
         force: Sequence[float],
         valid: bool,
         slip: int,
@@ -142,7 +142,7 @@ class GripLoop:
         normal: Sequence[float] | None = None,
         covariance: Sequence[float] = (),
     ) -> None:
-        """Keep the force (3,) on a finger at a time (s), in its sensor frame (N).
+        """Keep the force (3,) on fingers of one sensor at a time (s), in its frame (N).
 
         `normal` of the contact, unit or not; None and NaN: z of the pad. `covariance` (9,) of the
         force (N^2); empty or NaN: not stated. A sensor of normal force has NaN across it.
@@ -152,15 +152,18 @@ class GripLoop:
         length = hypot(*n)
         framed = 0.0 < length < inf
         n = [part / length for part in n] if framed else (0.0, 0.0, 1.0)
-        pressed = self._normal[finger] = along(force, n)
-        self._across[finger] = hypot(x - pressed * n[0], y - pressed * n[1], z - pressed * n[2])
-        self._framed[finger], self._valid[finger], self._slip[finger] = framed, valid, slip
+        pressed = along(force, n)
+        across = hypot(x - pressed * n[0], y - pressed * n[1], z - pressed * n[2])
         variance = nan
         if len(covariance):
             rows = [covariance[3 * i : 3 * i + 3] for i in range(3)]
             variance = along([along(row, n) for row in rows], n)
-        self._sigma[finger] = sqrt(variance) if 0.0 < variance < inf else nan
-        self._touched_s[finger], self._new[finger] = measured_s, True
+        sigma = sqrt(variance) if 0.0 < variance < inf else nan
+        for finger in fingers:
+            self._normal[finger], self._across[finger] = pressed, across
+            self._framed[finger], self._valid[finger], self._slip[finger] = framed, valid, slip
+            self._sigma[finger], self._touched_s[finger] = sigma, measured_s
+            self._new[finger] = True
 
     def take_tare(self, finger: int, stamp_ns: int) -> None:
         """Tell the law that a finger was tared at a stamp (ns), if that was during the hold."""
@@ -345,7 +348,10 @@ class GripLoop:
 
     def _given(self, now_s: float, blocked: str, lead: Array) -> GripInput:
         new, self._new = self._new, [False] * len(self._new)
-        moved, self._has_moved = self._has_moved, False  # old joints tell no force
+        pressed = np.full(len(self._closure), nan)
+        if self._has_moved:  # old joints tell no force
+            pressed = self._joints.pressed(lead, self._effort)
+        self._has_moved = False
         return GripInput(
             normal=np.array(self._normal),
             tangential=np.array(self._across),
@@ -358,7 +364,7 @@ class GripLoop:
             blocked=blocked,
             sigma=np.array(self._sigma),
             framed=np.array(self._framed),
-            pressed=self._joints.pressed(lead if moved else np.full(len(lead), nan), self._effort),
+            pressed=pressed,
         )
 
     def _hindered(self, now_s: float, elapsed: float) -> str:

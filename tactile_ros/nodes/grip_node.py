@@ -114,7 +114,7 @@ class HandLink:
         self._driver = driver = hand.driver
         self._node, self._take, self._learn = node, take, learn
         self._held = ExitStack()
-        self._order: Integers | None = None
+        self._order: Integers | slice | None = None
         self._described = learn is None
         self._misfit = ''
         self._why_no_description = f'{driver.description} has not come' if wait else ''
@@ -139,7 +139,7 @@ class HandLink:
             self._request_order()
             self._listen(DiagnosticArray, '/diagnostics', self._on_activity, 10)
         else:
-            self._order = np.arange(len(driver.joints))
+            self._order = slice(None)
 
     def _listen(self, kind: type, topic: str, hear: Callable, profile: QoSProfile | int) -> None:
         made = self._node.create_subscription(kind, topic, hear, profile)
@@ -551,12 +551,12 @@ class GripNode(ManagedNode):
             now_s, now_ns = time.monotonic(), self.now_ns()
             age = self._ages.setdefault(topic, StampAge())
             measured_s = age.measured_s(stamp_ns, now_ns, now_s)
-            due = False
-            for finger in self._fingers.get(topic, ()):
-                self._loop.take_touch(
-                    finger, touch.force, touch.valid, touch.slip, measured_s, touch.normal,
-                    touch.covariance,
-                )  # fmt: skip
+            due, fingers = False, self._fingers.get(topic, ())
+            self._loop.take_touch(
+                fingers, touch.force, touch.valid, touch.slip, measured_s, touch.normal,
+                touch.covariance,
+            )  # fmt: skip
+            for finger in fingers:
                 due = self._trigger.take(finger, stamp_ns if age.agrees else None, now_s)
             if due:
                 self._step(now_s, now_ns)
@@ -594,9 +594,11 @@ class GripNode(ManagedNode):
 
     def _dated(self, decision: Decision) -> Decision:
         """The same, where an input is stale since its clock stepped back: naming that."""
+        if 'stale' not in decision.refusal:
+            return decision
         ages = {**self._ages, 'the joint states': self._joint_age}
         steps = [f'{who} by {a.back_s:.3f} s' for who, a in ages.items() if a.back_s > 0]
-        if not steps or 'stale' not in decision.refusal:
+        if not steps:
             return decision
         refusal = f'{decision.refusal}: the clock stepped back of {", ".join(steps)}'
         ended = decision.ended

@@ -43,9 +43,9 @@ class Stage(Protocol):
         """Close until something is held."""
 
     def take_touch(
-        self, finger: int, force: Sequence[float], valid: bool, slip: int, now_s: float
+        self, fingers: Sequence[int], force: Sequence[float], valid: bool, slip: int, now_s: float
     ) -> None:
-        """Keep the force of a finger."""
+        """Keep the force on fingers of one sensor."""
 
     def take_joints(self, position: Array, now_s: float) -> None:
         """Keep measured joint positions."""
@@ -210,7 +210,7 @@ class HandWorld:
             state = tip.estimate(touched, force, field)
             self.pads[name] = PadState(force, touched, state)
             estimated, valid = self.read_force(tip, state)
-            self.stage.take_touch(i, estimated.tolist(), valid, int(state.slip), self.time)
+            self.stage.take_touch([i], estimated.tolist(), valid, int(state.slip), self.time)
 
     def _control(self) -> Decided:
         """Joint states to the controller, and its command through the adapter's messages."""

@@ -66,7 +66,7 @@ class World:
             for i, force in enumerate(self.forces()):
                 if i in self.silent:
                     continue
-                self.stage.take_touch(i, (0.0, 0.0, force), True, -1, self.time_s)
+                self.stage.take_touch([i], (0.0, 0.0, force), True, -1, self.time_s)
         made = self.stage.step(self.time_s, int(self.time_s * 1e9))
         if made.command is not None and not self.deaf:
             self.joints.command(made.command.position)
@@ -137,7 +137,7 @@ def test_the_law_does_not_run_ahead_of_a_hand_that_is_blocked(action: str) -> No
         world.time_s += 0.01
         world.stage.take_joints(world.joints.position, world.time_s)
         for i in range(4):
-            world.stage.take_touch(i, (0.0, 0.0, 0.0), True, -1, world.time_s)
+            world.stage.take_touch([i], (0.0, 0.0, 0.0), True, -1, world.time_s)
         made = world.stage.step(world.time_s, 0, 'robot_description has not come')
         assert made.made.phase == GripPhase.FAULT
         np.testing.assert_array_equal(made.made.closure, before)
@@ -216,7 +216,7 @@ def test_no_input_leads_out_of_the_limits_or_faster(
         now_s += 0.01
         world.stage.take_joints(np.full(16, joint), now_s)
         for i in range(4):
-            world.stage.take_touch(i, (across, 0.0, normal), valid, 0, now_s)
+            world.stage.take_touch([i], (across, 0.0, normal), valid, 0, now_s)
         made = world.stage.step(now_s, 0)
         if made.command is None:
             assert made.refusal
@@ -329,7 +329,7 @@ def test_frames_that_a_queue_kept_back_move_the_hand_no_faster_than_it_may() -> 
         now_s = begin_s + 1e-4 * k
         world.stage.take_joints(world.joints.position, now_s)
         for i in range(len(world.stage.fingers)):
-            world.stage.take_touch(i, (0.0, 0.0, 0.0), True, -1, now_s)
+            world.stage.take_touch([i], (0.0, 0.0, 0.0), True, -1, now_s)
         made = world.stage.step(now_s, 0, '', period)
         assert (made.command is None) == bool(made.refusal)
         if made.command is not None:
@@ -349,7 +349,7 @@ def test_a_queue_that_is_caught_up_with_is_no_hand_that_is_shut() -> None:
         now_s = world.time_s + 5e-4 * (k + 1)
         world.stage.take_joints(world.joints.position + 1e-9 * k, now_s)
         for i in range(4):
-            world.stage.take_touch(i, (0.0, 0.0, 0.0), True, -1, now_s)
+            world.stage.take_touch([i], (0.0, 0.0, 0.0), True, -1, now_s)
         made = world.stage.step(now_s, 0, '', 0.01)
         assert made.ended is None
         assert not made.made.shut
@@ -392,7 +392,7 @@ def test_a_sensor_of_normal_force_alone_grips() -> None:
     world = World('allegro_v5')
     blank, step = float('nan'), world.stage
     covariance = [blank] * 8 + [4e-4]
-    step.take_touch(0, (blank, blank, 1.5), True, -1, 0.0, None, covariance)
+    step.take_touch([0], (blank, blank, 1.5), True, -1, 0.0, None, covariance)
     assert (step._normal[0], step._sigma[0]) == (1.5, 0.02)
     assert np.isnan(step._across[0])
     assert normal_of([((0.0, 0.0, 1.0), (blank, blank, 1.5))])[:2] == [0.0, 0.0]

@@ -206,7 +206,7 @@ class AllegroWorld:
                 self._read[name] = reading.tolist(), None if normal is None else normal.tolist()
             covariance = (self.noise**2 * np.eye(3)).ravel().tolist()
             told, seen = self._read[name]
-            self.loop.take_touch(i, told, True, -1, self.time, seen, covariance)
+            self.loop.take_touch([i], told, True, -1, self.time, seen, covariance)
         if not self.mute:
             position = self.data.qpos[self._q] + self.rng.normal(0.0, 2e-4, len(self._q))
             self.loop.take_joints(position, self.time, self.data.actuator_force.copy())

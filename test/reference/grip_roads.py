@@ -159,7 +159,7 @@ def offline(press: Press) -> np.ndarray:
         stage.take_joints(np.array(press.posture(row)), at)
         covariance = state.force_cov.ravel().tolist()
         told = state.force.tolist(), bool(state.valid), int(state.slip), at, None, covariance
-        stage.take_touch(0, *told)
+        stage.take_touch([0], *told)
         decision = stage.step(at, frame.stamp_ns, '', 1e-9 * PERIOD_NS)
         if decision.command is not None:
             sent.append(decision.command.position)
