@@ -66,9 +66,7 @@ class GripInput:
     new: Bools | None = None  # (f,) since the last step: none is integrated twice; None: all
     blocked: str = ''  # why nothing can be sent, so that the law does not run ahead; empty: it can
     sigma: Array | None = None  # (f,) stated noise of `normal` (N); NaN, None: as the config says
-    framed: Bools | None = (
-        None  # (f,) the normal is measured, not taken to be the pad's; None: all
-    )
+    framed: Bools | None = None  # (f,) the normal is measured, not the pad's own; None: all
     pressed: Array | None = None  # (a,) that joints or torques tell (N); NaN, None: not known
 
     def refuse_misfit(self, fingers: int, drives: int) -> None:

@@ -45,6 +45,7 @@ LATEST = 2.5  # dead times after which a command has come to its drive, whatever
 BACK = 2.0  # periods by which a stamp lies before its time where its clock was set back
 AHEAD_S = 2e-3  # a stamp may lie so far in the future: two clocks are read one after another
 OLDEST_S = 1.0  # first message that may tell that clocks agree
+UNTOUCHED = (-inf, nan, nan, False, -1, nan, True)
 STEP_S = 0.05  # change between wall and monotonic clock from one message to the next: a jump
 
 
@@ -116,12 +117,9 @@ class GripLoop:
         self._watch = HandWatch(hand.driver.joints, limits.velocity, self._limiter.slack, reaction)
         self._sequence: GraspSequence | None = None
         self._kept = GraspSequence(config)  # the last one
-        count = len(self.fingers)
-        # lists: one entry of an array costs more than all else that a force brings
-        self._normal, self._across, self._sigma = [nan] * count, [nan] * count, [nan] * count
-        self._valid, self._new, self._slip = [False] * count, [False] * count, [-1] * count
-        self._framed = [True] * count
-        self._touched_s = [-inf] * count
+        # of each finger: when (s), and the columns of a GripInput from `normal` to `framed`
+        self._touches = [UNTOUCHED] * len(self.fingers)
+        self._new = [False] * len(self.fingers)
         self._closure = np.full(len(drives), nan)
         self._measured: Array | None = None
         self._effort: Array | None = None
@@ -160,9 +158,7 @@ class GripLoop:
             variance = along([along(row, n) for row in rows], n)
         sigma = sqrt(variance) if 0.0 < variance < inf else nan
         for finger in fingers:
-            self._normal[finger], self._across[finger] = pressed, across
-            self._framed[finger], self._valid[finger], self._slip[finger] = framed, valid, slip
-            self._sigma[finger], self._touched_s[finger] = sigma, measured_s
+            self._touches[finger] = (measured_s, pressed, across, valid, slip, sigma, framed)
             self._new[finger] = True
 
     def take_tare(self, finger: int, stamp_ns: int) -> None:
@@ -181,7 +177,8 @@ class GripLoop:
 
     def missing(self, since_s: float = -inf) -> list[str]:
         """Fingers, and joint states, of which nothing has come since a time, or ever."""
-        names, came_s = ['joint states', *self.fingers], [self._measured_s, *self._touched_s]
+        names = ['joint states', *self.fingers]
+        came_s = [self._measured_s, *(touch[0] for touch in self._touches)]
         return [name for name, time_s in zip(names, came_s, strict=True) if time_s <= since_s]
 
     @property
@@ -352,20 +349,12 @@ class GripLoop:
         if self._has_moved:  # old joints tell no force
             pressed = self._joints.pressed(lead, self._effort)
         self._has_moved = False
+        columns = map(np.array, zip(*self._touches, strict=True))
+        came_s, normal, across, valid, slip, sigma, framed = columns
         return GripInput(
-            normal=np.array(self._normal),
-            tangential=np.array(self._across),
-            valid=np.array(self._valid),
-            slip=np.array(self._slip, np.int8),
-            age=now_s - np.array(self._touched_s),
-            closure=self._closure,
-            closure_age=now_s - self._measured_s,
-            new=np.array(new),
-            blocked=blocked,
-            sigma=np.array(self._sigma),
-            framed=np.array(self._framed),
-            pressed=pressed,
-        )
+            normal, across, valid, slip, now_s - came_s, self._closure, now_s - self._measured_s,
+            np.array(new), blocked, sigma, framed, pressed,
+        )  # fmt: skip
 
     def _hindered(self, now_s: float, elapsed: float) -> str:
         """Obstacle to commands, by the joint states of the hand; empty: there is none."""

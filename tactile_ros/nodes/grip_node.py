@@ -594,11 +594,9 @@ class GripNode(ManagedNode):
 
     def _dated(self, decision: Decision) -> Decision:
         """The same, where an input is stale since its clock stepped back: naming that."""
-        if 'stale' not in decision.refusal:
-            return decision
         ages = {**self._ages, 'the joint states': self._joint_age}
         steps = [f'{who} by {a.back_s:.3f} s' for who, a in ages.items() if a.back_s > 0]
-        if not steps:
+        if not steps or 'stale' not in decision.refusal:
             return decision
         refusal = f'{decision.refusal}: the clock stepped back of {", ".join(steps)}'
         ended = decision.ended

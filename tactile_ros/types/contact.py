@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, get_args, get_type_hints, overload
+from typing import Annotated, cast, get_args, get_type_hints, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -105,10 +105,8 @@ def field_shape(name: str, taxels: int, contacts: int = 1) -> tuple[int, ...]:
 def _blank(samples: int, taxels: int, contacts: int) -> dict[str, npt.NDArray[np.generic]]:
     """Read-only arrays of `nothing known` that take no memory."""
     return {
-        name: np.broadcast_to(
-            np.array(fill, dtype), (samples, *field_shape(name, taxels, contacts))
-        )
-        for name, (_, dtype, fill) in STATE_FIELDS.items()
+        name: np.broadcast_to(np.array(x, kind), (samples, *field_shape(name, taxels, contacts)))
+        for name, (_, kind, x) in STATE_FIELDS.items()
     }
 
 
@@ -127,8 +125,8 @@ class ContactState(_StateFields):
         contacts = known['contacts_id'].shape[1] if 'contacts_id' in known else 1
         state = cls.__new__(cls)
         # the 30 attributes at once: a frozen __init__ sets them one by one, 5 us a frame
-        vars(state).update(_blank_row(taxels, contacts))
-        vars(state).update({name: column[0] for name, column in known.items()})
+        row = {name: column[0] for name, column in known.items()}
+        vars(state).update(_blank_row(taxels, contacts), **row)
         return state
 
     def __repr__(self) -> str:
@@ -213,7 +211,9 @@ class ContactStates(_StateFields):
 
     def __getitem__(self, index: int | slice | Bools | Integers) -> ContactState | ContactStates:
         kind = ContactStates if np.ndim(self.valid[index]) else ContactState
-        return kind(**{name: getattr(self, name)[index] for name in STATE_FIELDS})
+        part = cast('ContactState | ContactStates', kind.__new__(kind))  # as in assemble
+        vars(part).update({name: column[index] for name, column in vars(self).items()})
+        return part
 
     def __iter__(self) -> Iterator[ContactState]:
         return (self[i] for i in range(len(self)))

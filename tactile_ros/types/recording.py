@@ -172,10 +172,10 @@ class Recording:
         chips = [frame.temperature_c for frame in frames if frame.temperature_c is not None]
         return cls.from_arrays(
             layout,
-            np.stack([frame.values for frame in frames]),
+            np.array([frame.values for frame in frames]),
             None if None in stamps else np.array(stamps, np.int64),
-            temperature_c=np.stack(chips) if len(chips) == len(frames) else None,
-            status=np.stack([clean if f.status is None else f.status for f in frames]),
+            temperature_c=np.array(chips) if len(chips) == len(frames) else None,
+            status=np.array([clean if f.status is None else f.status for f in frames]),
             stream=stream,
             tare=tare,
         )

@@ -393,8 +393,8 @@ def test_a_sensor_of_normal_force_alone_grips() -> None:
     blank, step = float('nan'), world.stage
     covariance = [blank] * 8 + [4e-4]
     step.take_touch([0], (blank, blank, 1.5), True, -1, 0.0, None, covariance)
-    assert (step._normal[0], step._sigma[0]) == (1.5, 0.02)
-    assert np.isnan(step._across[0])
+    _, normal, across, _, _, sigma, _ = step._touches[0]
+    assert (normal, sigma, np.isnan(across)) == (1.5, 0.02, True)
     assert normal_of([((0.0, 0.0, 1.0), (blank, blank, 1.5))])[:2] == [0.0, 0.0]
 
 
