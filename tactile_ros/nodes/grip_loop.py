@@ -313,7 +313,7 @@ class GripLoop:
         self._stepped_s = now_s
         hindered = blocked or self._hindered(now_s, elapsed)
         lead = self._lead()
-        if np.isfinite(self.sent).all():
+        if self._sent_s > -inf:
             came_s = now_s - LATEST * self.config.dead_time
             self._joints.take_effort(lead, self._effort, came_s)
         made = self.law.step(self._given(now_s, hindered, lead), dt)

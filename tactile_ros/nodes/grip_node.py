@@ -549,7 +549,7 @@ class GripNode(ManagedNode):
                 return
             self._sequences[topic] = sequence
             now_s, now_ns = time.monotonic(), self.now_ns()
-            age = self._ages.setdefault(topic, StampAge())
+            age = self._ages.get(topic) or self._ages.setdefault(topic, StampAge())
             measured_s = age.measured_s(stamp_ns, now_ns, now_s)
             due, fingers = False, self._fingers.get(topic, ())
             self._loop.take_touch(
