@@ -65,7 +65,7 @@ class Finger:
         self.target = 0.0  # force now (N)
         self.carried = nan  # least load since the grip had settled (N)
         self.regulated = 0.0  # error that its drive regulates (N)
-        self._mean_error = self._friction = nan
+        self._mean = self._friction = nan
         self._moving = self._leaning = self._pressing = self._still = 0.0
         self._bits = self._command = nan
         self._at = (nan, nan)
@@ -229,8 +229,8 @@ class Finger:
             return ''
         return f'reads {normal:.2f} N while its drive presses {own:.2f} N'
 
-    def average_error(self, time: float, dt: float) -> float:
-        """Mean error of its force (N) over a time (s)."""
-        last = self._mean_error if isfinite(self._mean_error) else self.error
-        self._mean_error = last + min(dt / time, 1.0) * (self.error - last)
-        return self._mean_error
+    def average(self, time: float, dt: float) -> float:
+        """Mean of its force (N) over a time (s)."""
+        last = self._mean if isfinite(self._mean) else self.normal
+        self._mean = last + min(dt / time, 1.0) * (self.normal - last)
+        return self._mean

@@ -106,7 +106,7 @@ class ForcePi:
         self.free = self.command  # where the drive is by now if nothing is in its way
         self._waiting.clear()
         self._integral = self._gain = self._wanted = self._from = nan
-        self._goal = self._follows = nan
+        self._goal = self._follows = self._error = nan
         self.touched = 0.0  # time of regulation since it met the object (s)
         self.limited = False  # the last step was clamped or rate limited
         self.stop = ''  # limit of the hand that lets it close no further now; empty: none
@@ -160,10 +160,10 @@ class ForcePi:
             start = self._from if isfinite(self._from) else self.command
             self._integral, self._from = start - gain * error, nan
         else:  # the gain changes without a bump
-            self._integral += (self._gain - gain) * error
+            self._integral += (self._gain - gain) * (self._error if keeps else error)
             if soft:
                 self._integral += (target - self._goal) / self.stiffness.cautious
-        self._gain, self._goal = gain, target
+        self._gain, self._goal, self._error = gain, target, error
         if not (self.stop and error > 0.0):
             self._integral += gain / self._integral_time * error * (dt + unseen)
         self._wanted = self._integral + gain * error

@@ -11,7 +11,7 @@ their errors that pushes counts by `NET` until a load comes, or the object still
 difference between fingers of one side is what holds the object against turning. From the first
 load on, soft drives that have settled keep their commands, which hold it as springs do
 (`HandJoints` makes them stiffer), and raise them by their gains alone: to answer what a load does
-to single forces moves what it leans on.
+to single forces moves what it leans on. A further goal answers no more than a lacking squeeze.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ class GripForce:
         """Nothing is held: another object may come."""
         self.phase = GripPhase.IDLE
         self._waited = self._calm = self._unseen = 0.0
-        self._held = self._has_begun = False
+        self._held = self._has_begun = self._loaded = False
         self._begin_load()
         self._trusted = True
         self._idle, self._opens, self.fault = NOT_ASKED, '', ''
@@ -175,6 +175,7 @@ class GripForce:
             msg = 'grasp must follow enable; the law is not active'
             raise ValueError(msg)
         refuse_goal(self.config, targets, used)
+        self._loaded |= held and not self.holds  # elsewhere: with what load is not known
         held = held or self.holds
         if self.phase == GripPhase.IDLE and not self._held:
             self._started = False
@@ -190,7 +191,7 @@ class GripForce:
     def _begin_load(self) -> None:
         """Let errors push the object until fingers have settled, or it walks."""
         self._since, self._due, self._place = 0.0, NET_TIME, nan
-        self._has_settled = self._pushed = self._loaded = False
+        self._has_settled = self._pushed = False
 
     def release(self, why: str = '') -> None:
         """Open; `refusal` says `why` from now until the next grasp, where something went wrong."""
@@ -370,8 +371,7 @@ class GripForce:
                 law.stay()
             return
         if self.phase == GripPhase.LOAD and not any(f.target for f in self.fingers):
-            for finger in self.fingers:  # held from elsewhere
-                finger.target = finger.normal if finger.touching else 0.0
+            self._targets.adopt()
         self._advance(dt)
         self._drive(given.closure.tolist(), dt)
 
@@ -395,8 +395,7 @@ class GripForce:
             self._loaded |= self._has_settled and any(f.loaded for f in _pressing(self.fingers))
             if self._targets.share() and not self._has_settled:
                 self._begin_load()  # a finger that joins has its force to find
-            full = any(law.full for law in self.laws)
-            reached = self._targets.grow(full, self._has_settled, dt)
+            reached = self._targets.grow(self._has_settled or self._loaded, dt)
             if self.phase == GripPhase.LOAD and reached:
                 self.phase = GripPhase.HOLD
 
@@ -432,7 +431,7 @@ class GripForce:
         for law, fingers, on, closure in rows:
             if on:
                 self._regulate(law, on, closure, gripped, dt)
-                calm = calm and _is_settled(law, on, dt)
+                calm = calm and _is_settled(law, on, dt, self._loaded)
             else:
                 calm = calm and _is_shut(law, fingers)
         self._calm = self._calm + dt + self._unseen if calm else 0.0
@@ -452,13 +451,15 @@ class GripForce:
             closure = law.free if law.touched > law.reaction else nan
         if gripped and isfinite(closure):
             law.stiffness.step(closure, force, on[0].sigma)
-        keeps = self._loaded and self.phase == GripPhase.HOLD and law.plant.is_soft
+        keeps = self._loaded and law.plant.is_soft and (self._has_settled or error <= 0.0)
         law.regulate(target, target - error, dt, self._unseen, keeps)
 
     def _share_errors(self, closures: list[float]) -> None:
         """Errors of touching fingers (N), without what would push a free object further."""
         for finger in self.fingers:
-            finger.regulated = finger.error if finger.pressing else 0.0
+            soft = self._loaded and finger.law.plant.is_soft
+            wanted = min(finger.asked, finger.target) if soft else finger.target
+            finger.regulated = wanted - finger.normal if finger.pressing else 0.0
         sided = [finger for finger in _pressing(self.fingers) if finger.side]
         if len({finger.side for finger in sided}) < 2:
             return
@@ -474,14 +475,10 @@ class GripForce:
             for finger in sided:
                 total = sum(f.target for f in sided if f.side == finger.side)
                 finger.regulated = squeeze * finger.target / max(total, SAME)
-        ratios = [(f.normal - f.sigma) / max(f.target, SAME) for f in sided]
-        over = STRONGEST - max(ratios)
-        strong = sided[ratios.index(max(ratios))].side
+        over = STRONGEST - max((f.normal - f.sigma) / max(f.target, SAME) for f in sided)
         if over < 0.0 and self.phase in HOLDING:  # weaker readings may be wrong
             for finger in sided:
                 finger.regulated = min(finger.regulated, over * finger.target)
-                if pushes and finger.side == strong:
-                    finger.regulated = min(finger.regulated, finger.error)
 
     def _watch(self, closures: list[float]) -> None:
         """Judge whether fingers push an object on and on: it walks, or one side reads wrongly."""
@@ -588,15 +585,16 @@ def _mean(values: list[float]) -> float:
     return sum(values) / len(values)
 
 
-def _is_settled(law: ForcePi, on: list[Finger], dt: float) -> bool:
-    """Judge whether the mean error of a drive is small, and no limit holds it back."""
-    error = 0.0
-    for finger in on:
-        error += finger.average_error(AVERAGED, dt) / len(on)
-    target = _mean([finger.target for finger in on])
-    limited = law.stop != '' and error > 0.5 * SETTLED * target
-    most = SETTLED * target + SETTLED_SIGMAS * max(finger.sigma for finger in on)
-    return not limited and abs(error) <= most
+def _is_settled(law: ForcePi, on: list[Finger], dt: float, loaded: bool) -> bool:
+    """Judge whether the mean error of a drive is small, and no limit holds it back.
+
+    What carries a load presses no less than was asked for: loads change single forces.
+    """
+    wanted = _mean([finger.asked if loaded else finger.target for finger in on])
+    error = wanted - _mean([finger.average(AVERAGED, dt) for finger in on])
+    limited = law.stop != '' and error > 0.5 * SETTLED * wanted
+    most = SETTLED * wanted + SETTLED_SIGMAS * max(finger.sigma for finger in on)
+    return not limited and error <= most and (loaded or error >= -most)
 
 
 def _is_shut(law: ForcePi, fingers: Sequence[Finger]) -> bool:

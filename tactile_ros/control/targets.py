@@ -80,6 +80,13 @@ class GripTargets:
         self._share(self._pressing)
         self._raise = max(raised / self.strongest, 1.0) if raised else 1.0
 
+    def adopt(self) -> None:
+        """Begin with what is held already; if it is more than asked for, it was raised."""
+        held = max((f.normal for f in self._fingers if f.touching), default=0.0) / self.strongest
+        for finger in self._fingers:
+            finger.target = held * finger.asked
+        self._raise = max(held, 1.0) if self._adapt else 1.0
+
     def _share(self, pressing: Sequence[bool]) -> None:
         """Share what was asked for among fingers."""
         sides = [finger.side for finger in self._fingers]
@@ -111,17 +118,14 @@ class GripTargets:
         """Smallest force (N) that a finger is asked for."""
         return min((f.asked for f in self._fingers if f.asked > 0), default=0.0)
 
-    def grow(self, full: bool, settled: bool, dt: float) -> bool:
+    def grow(self, settled: bool, dt: float) -> bool:
         """Move towards what is wanted; return whether every target is where it should be.
 
         Until all have settled a raise waits for the slowest finger, so that drives that can give
-        no more stop all. Where a drive gives all its torque (`full`) a raise would push the object
-        to its side. What a drive at its limit does not reach is wanted no more: it would be tried
-        for ever. A finger that has just touched does not count: one that bounces would end the
-        raise. Once settled each presses as hard as it can: a load waits for none.
+        no more stop all. A finger that has just touched does not count: one that bounces would end
+        the raise. Once settled each presses as hard as it can: a load waits for none.
         """
-        if settled:
-            self._most, full = MOST, False
+        self._most = MOST if settled else self._most
         if self._adapt:
             self._answer(dt)
         step = self._rate * dt * (RAISING if self._raise > 1.0 else 1.0)
@@ -136,8 +140,6 @@ class GripTargets:
                     self._raise = self._most = bound
         for finger in self._fingers:
             ahead = factor * finger.asked - finger.target
-            if full and ahead > 0.0 and finger.target >= finger.asked:
-                continue
             if -step <= ahead <= step:
                 finger.target = factor * finger.asked
             else:

@@ -15,7 +15,7 @@ from tactile_ros.hands.kinematics import FingerPath
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from tactile_ros.control import GripConfig
+    from tactile_ros.control import GripConfig, GripStep
     from tactile_ros.hands.description import HandDescription
     from tactile_ros.hands.kinematics import RobotDescription
     from tactile_ros.types import Array, Integers, JointLimits
@@ -123,29 +123,31 @@ class Guarded(NamedTuple):
 
 
 class HandJoints:
-    """Joints of the fingers of a hand that `drives` name, each moved by its closure.
+    """Joints of the fingers of a hand that sensors sit on, each moved by its closure.
 
-    With a `robot` a finger whose frame is one of its links moves its pad along its normal.
+    `carriers` has the finger of each sensor. With a `robot` a finger whose frame is one of its
+    links moves its pad along its normal.
     """
 
     def __init__(
-        self, hand: HandDescription, drives: Sequence[str], robot: RobotDescription | None = None
+        self, hand: HandDescription, carriers: Sequence[str], robot: RobotDescription | None = None
     ) -> None:
-        driver = hand.driver
+        driver, drives = hand.driver, list(dict.fromkeys(carriers))
+        self.drive_of = [drives.index(name) for name in carriers]
         self._limits, self._scale = driver.limits, driver.effort_scale
-        self._support = driver.support
-        self._stood: Array | None = None  # (j,) where a load came
         self._drives = [(hand.fingers[name], _run_of(hand.places(name))) for name in drives]
         self._paths = [_path(hand, name, robot) for name in drives]
-        self._beside = [np.zeros(len(finger.joints)) for finger, _ in self._drives]
         self.limiter = JointLimiter(driver.joints, driver.limits, driver.most_offset)
         self._sent: deque[tuple[float, Array]] = deque(maxlen=16)
         count = len(driver.joints)
+        self._beside, self._support = np.zeros(count), np.zeros(count)
+        self._stood: Array | None = None  # (j,) of these while nothing gives way under a load
         self._gain = np.zeros(count)  # largest torque per lead that efforts showed
         self._full, self._last_lead = np.zeros(count, bool), np.full(count, nan)
         self._clipping, self._carries = np.full(count, inf), np.zeros(count, bool)
         for finger, place in self._drives:
             self._clipping[place], self._carries[place] = finger.clipping, finger.lever != 0
+            self._support[place] = driver.support if finger.is_soft else 0.0
 
     def plants(self, config: GripConfig) -> list[Drive]:
         """Drives (a,) as the law has to know them."""
@@ -211,47 +213,36 @@ class HandJoints:
         """The next command begins at the measured posture."""
         self.limiter.stop()
         self._sent.clear()
+        self._stood = None
 
     def command(
-        self,
-        closures: Array,
-        contacts: Array,
-        forces: list[float],
-        measured: Array,
-        lead: Array,
-        dt: float,
-        elapsed: float,
-        now_s: float,
-        loaded: bool = False,
+        self, made: GripStep, measured: Array, lead: Array, dt: float, elapsed: float, now_s: float
     ) -> Guarded:
-        """Joints of the drives' closures; the first command moves nothing.
+        """Joints of the closures of a step of the law; the first command moves nothing.
 
-        While what is held is `loaded`, soft drives are made stiffer: commands are shifted by
+        While what is held is loaded, soft drives are made stiffer: commands are shifted by
         `support` times the way that their joints have given since the load came: with at most 1 no
         delay makes drives ring that do not ring themselves. Where less may be sent, this yields
         before the law does.
-        A drive presses beyond its contact (a,) (NaN: it does not); torque caps follow its target
-        force (N). `measured` (j,) is where the joints are, `lead` (j,) by how much their commands
-        lead them where they hold what this process did not grip (NaN: not known). `dt` is that of
-        the step, `elapsed` the time in which the joints may move: since the last command (s).
+        Torque caps follow the target forces. `measured` (j,) is where the joints are, `lead` (j,)
+        by how much their commands lead them where they hold what this process did not grip (NaN:
+        not known). `dt` is that of the step, `elapsed` the time in which the joints may move:
+        since the last command (s).
         """
         first = self.limiter.last is None
         if first:
             self.limiter.start(measured + np.where(np.isfinite(lead), lead, 0.0))
         meant = np.array(self.limiter.last)
-        self._stood = (measured if self._stood is None else self._stood) if loaded else None
-        effort = np.full(len(meant), nan)
+        closures, contacts, effort = made.closure, made.contact, np.full(len(meant), nan)
+        forces = np.zeros(len(closures))
+        np.maximum.at(forces, self.drive_of, made.target_force)
         for a, (finger, place) in enumerate(self._drives):
             on_path = self._paths[a].joints(float(closures[a]), float(contacts[a]), dt)
             if first:
-                self._beside[a] = meant[place] - on_path
-            sought, time_s = np.zeros(len(finger.joints)), EASE_S
-            if self._stood is not None and self._support and isfinite(finger.stiffness):
-                sought = self._support * (self._stood[place] - measured[place])
-                time_s = SUPPORT_S
-            self._beside[a] += (1.0 - exp(-dt / time_s)) * (sought - self._beside[a])
-            meant[place] = on_path + self._beside[a]
+                self._beside[place] = meant[place] - on_path
+            meant[place] = on_path
             effort[place] = finger.caps(forces[a])
+        meant += self._led_beside(measured, made.loaded, dt)
         lower, upper, wanted = self._limits.lower, self._limits.upper, meant
         ends = bool(((meant < lower) | (meant > upper)).any())
         if ends:
@@ -260,7 +251,7 @@ class HandJoints:
                 if closures[a] > contacts[a]:
                     wanted[place] = finger.pass_on(meant[place], lower[place], upper[place])
         position, limited = self.limiter.step(wanted, measured, elapsed)
-        spare = self._yielded(wanted - position) if loaded else 0.0
+        spare = self._yielded(wanted - position) if made.loaded else 0.0
         wanted, meant = wanted - spare, meant - spare
         self._sent.append((now_s, position))
         closure = reach = closures
@@ -273,12 +264,21 @@ class HandJoints:
         clipped = [bool(clips[place].any()) for _, place in self._drives]
         return Guarded(position, effort, limited, closure, reach, clipped)
 
+    def _led_beside(self, measured: Array, loaded: bool, dt: float) -> Array:
+        """Angles (j,) beside the closures' postures: what was there fades, or carries a load."""
+        given = self._support * measured
+        if not loaded:
+            self._stood = None
+        elif self._stood is None:
+            self._stood = self._beside + given
+        sought, time_s = (0.0, EASE_S) if self._stood is None else (self._stood - given, SUPPORT_S)
+        self._beside += (1.0 - exp(-dt / time_s)) * (sought - self._beside)
+        return self._beside
+
     def _yielded(self, cut: Array) -> Array:
         """Share of what was cut from the commands (j,) that is taken from their support."""
-        spare = np.zeros(len(cut))
-        for beside, (_, place) in zip(self._beside, self._drives, strict=True):
-            spare[place] = _between(cut[place], np.minimum(beside, 0), np.maximum(beside, 0))
-            np.subtract(beside, spare[place], out=beside)
+        spare = _between(cut, np.minimum(self._beside, 0), np.maximum(self._beside, 0))
+        self._beside -= spare
         return spare
 
     def _behind(self, closures: Array, contacts: Array, wanted: Array, sent: Array) -> Array:

@@ -99,13 +99,11 @@ class GripLoop:
         self.hand = hand = hand.with_tips()
         self.config = config
         self.fingers, names = taking_part(hand, fingers)
-        drives = list(dict.fromkeys(names))
-        self._drive_of = [drives.index(name) for name in names]
-        self._joints = HandJoints(hand, drives, robot)
+        self._joints = HandJoints(hand, names, robot)
         sides = [hand.fingers[name].side for name in names]
         opposed = sides if {1, -1} <= set(sides) else None
         plants = self._joints.plants(config)
-        self.law = GripForce(config, self._drive_of, opposed, plants, self.fingers)
+        self.law = GripForce(config, self._joints.drive_of, opposed, plants, self.fingers)
         self._sides = opposed or [0] * len(names)
         limits, places = hand.driver.limits, [hand.places(name) for name in names]
         self._reach = [
@@ -120,7 +118,7 @@ class GripLoop:
         # of each finger: when (s), and the columns of a GripInput from `normal` to `framed`
         self._touches = [UNTOUCHED] * len(self.fingers)
         self._new = [False] * len(self.fingers)
-        self._closure = np.full(len(drives), nan)
+        self._closure = np.full(len(plants), nan)
         self._measured: Array | None = None
         self._effort: Array | None = None
         self._measured_s = self._stepped_s = self._sent_s = -inf
@@ -237,7 +235,7 @@ class GripLoop:
         supported = [
             finger.zero > HELD_SIGMAS * self.config.force_noise
             and finger.supported(float(pressed[drive]))
-            for finger, drive in zip(self.law.fingers, self._drive_of, strict=True)
+            for finger, drive in zip(self.law.fingers, self._joints.drive_of, strict=True)
         ]
         wanted = {side for side in self._sides if side} or {0}
         return {s for s, one in zip(self._sides, supported, strict=True) if one} >= wanted
@@ -378,14 +376,8 @@ class GripLoop:
         self, made: GripStep, lead: Array, dt: float, elapsed: float, now_s: float, stamp_ns: int
     ) -> tuple[GripCommand, bool]:
         """Joints of the law's closures, and whether the limiter changed them."""
-        forces = [0.0] * len(self._closure)
-        for drive, force in zip(self._drive_of, made.target_force.tolist(), strict=True):
-            forces[drive] = max(forces[drive], force)
         lead = lead if self.law.phase in HOLDING else np.full(len(lead), nan)
-        sent = self._joints.command(
-            made.closure, made.contact, forces, self._measured, lead, dt, elapsed, now_s,
-            made.loaded,
-        )  # fmt: skip
+        sent = self._joints.command(made, self._measured, lead, dt, elapsed, now_s)
         # the law goes on from what is sent, and winds nothing up
         self.law.admit(sent.closure, dt, sent.reach, sent.clipped)
         self._watch.send(sent.position, now_s)

@@ -46,13 +46,11 @@ class Run:
         self.finger.given = FingerInput(2.0, self.load, True, int(slips), 0.0, framed=framed)
         self.finger.slip.step(2.0, self.load, int(slips), NOISE, 0.01)
 
-    def grow(
-        self, steps: int, force: float | None = None, full: bool = False, settled: bool = False
-    ) -> float:
+    def grow(self, steps: int, force: float | None = None, settled: bool = False) -> float:
         """Target after steps with a force; None: it follows the target."""
         for _ in range(steps):
             self.finger.normal = self.finger.target if force is None else force
-            self.targets.grow(full, settled, 0.01)
+            self.targets.grow(settled, 0.01)
         return self.finger.target
 
 
@@ -112,10 +110,9 @@ def test_grip_targets_are_raised_by_load_up_to_a_factor(
 def test_grip_targets_wait_for_the_force_and_stop_where_a_drive_is_full() -> None:
     run = Run(2.0, load=1.0)
     assert run.grow(300, 2.5) == pytest.approx(2.5 + 2.0 * AHEAD)
-    assert run.grow(300, 10.0, full=True) == pytest.approx(2.5 + 2.0 * AHEAD)
     run.finger.law.full = True
-    assert run.grow(300, 2.5, full=True) < 2.5 + 2.0 * AHEAD
-    assert run.grow(300, 2.5, full=True, settled=True) == pytest.approx(4.0)
+    assert run.grow(300, 2.5) < 2.5 + 2.0 * AHEAD
+    assert run.grow(300, 2.5, settled=True) == pytest.approx(4.0)
 
 
 def test_grip_targets_forget_one_false_word_of_slip() -> None:
@@ -165,7 +162,7 @@ def test_a_weaker_finger_of_other_drives_does_not_end_a_raise_for_good() -> None
         for weak in (2.0, 0.5, 2.0):  # of the first, for a moment
             for _ in range(20):
                 fingers[0].normal, fingers[1].normal = weak, 2.5
-                targets.grow(full=False, settled=False, dt=0.01)
+                targets.grow(settled=False, dt=0.01)
         made.append(fingers[1].target)
     assert made[0] < 1.5
     assert made[1] > 2.3

@@ -1,12 +1,14 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Joints of a hand: commands, the limiter, the watch, and the fake hand that follows."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_ros.control import GripConfig
+from tactile_ros.control import GripConfig, GripForce, GripInput, GripStep
 from tactile_ros.hands import load_hand
 from tactile_ros.hands.joints import Guarded, HandJoints, HandWatch, JointLimiter, taking_part
 from tactile_ros.nodes.mock_hand_node import MockHand
@@ -17,8 +19,19 @@ MEASURED = np.array([0.3, 0.5])
 NONE = np.full(2, np.nan)
 
 
+def decided(
+    closure: np.ndarray, contact: np.ndarray, force: float = 0.0, loaded: bool = False
+) -> GripStep:
+    """A step of the law for drives of one finger each."""
+    count = len(closure)
+    law, blank = GripForce(GripConfig(), range(count)), np.zeros(count)
+    given = GripInput(blank, blank, blank == 0, blank.astype(np.int8), blank, blank, 0.0)
+    asked = {'closure': closure, 'contact': contact, 'target_force': np.full(count, force)}
+    return replace(law.step(given, 0.01), loaded=loaded, **asked)
+
+
 def command(made: HandJoints, closures: np.ndarray) -> Guarded:
-    return made.command(closures, NONE, [0.0, 0.0], MEASURED, NONE, 0.01, 0.01, 0.0)
+    return made.command(decided(closures, NONE), MEASURED, NONE, 0.01, 0.01, 0.0)
 
 
 def test_hand_joints_begin_as_measured_and_a_drive_that_lacks_time_is_not_stopped() -> None:
@@ -53,7 +66,7 @@ def test_hand_joints_tell_the_force_of_a_pad_by_lead_and_by_torque() -> None:
     for _ in range(60):
         at += 0.01
         closure = contact + min(0.5 * at, 0.5 / plant.own)
-        sent = made.command(closure, contact, [0.5], start, blank, 0.01, 0.01, at)
+        sent = made.command(decided(closure, contact, 0.5), start, blank, 0.01, 0.01, at)
     lead = made.lead(start, None, at + 1.0, 0.02)
     assert made.pressed(lead)[0] == pytest.approx(0.5, rel=0.02)
     torque = np.zeros(16)
@@ -73,7 +86,7 @@ def test_hand_joints_press_on_where_one_is_at_its_limit_and_say_so() -> None:
     contact, blank = made.closures_of(start), np.full(16, np.nan)
     for k in range(100):
         closure = contact + min(0.01 * k, 0.3)
-        sent = made.command(closure, contact, [0.5], start, blank, 0.01, 0.01, 0.01 * k)
+        sent = made.command(decided(closure, contact, 0.5), start, blank, 0.01, 0.01, 0.01 * k)
     upper = hand.driver.limits.upper[place]
     assert sent.position[place][1] == upper[1]
     np.testing.assert_allclose(sent.closure, closure)
@@ -95,9 +108,8 @@ def test_hand_joints_shift_commands_of_joints_that_give_way_under_a_load(
 
     def after(seconds: float, moved: np.ndarray, loaded: bool) -> np.ndarray:
         for _ in range(round(seconds / 0.01)):
-            sent = made.command(
-                closure, closure, [0.0], start - moved, blank, 0.01, 0.01, 0.0, loaded
-            )
+            step = decided(closure, closure, loaded=loaded)
+            sent = made.command(step, start - moved, blank, 0.01, 0.01, 0.0)
         return (sent.position - start)[place]
 
     np.testing.assert_allclose(after(0.1, 0 * start, True), 0.0, atol=1e-12)
@@ -116,9 +128,8 @@ def test_hand_joints_that_are_pulled_far_under_a_load_leave_the_law_its_command(
     for k in range(400):
         closure = contact + min(0.01 * k, 0.2)
         measured = pulled if 100 <= k < 300 else start
-        sent = made.command(
-            closure, contact, [1.0], measured, blank, 0.01, 0.01, 0.01 * k, k >= 50
-        )
+        step = decided(closure, contact, 1.0, k >= 50)
+        sent = made.command(step, measured, blank, 0.01, 0.01, 0.01 * k)
         if k > 50:
             np.testing.assert_allclose(sent.closure, closure, atol=1e-9)
     np.testing.assert_allclose((sent.position - start)[place], 0.2 * hand.fingers['index'].press,
@@ -141,11 +152,11 @@ def test_hand_joints_learn_a_full_drive_from_efforts_and_no_late_command(
         late_lead = made.lead(measured, None, now - late, 0.02)  # what the drive has by then
         effort = np.clip(3.0 * np.nan_to_num(late_lead), -clip, clip)
         made.take_effort(lead, effort, now - 0.05)
-        guarded = made.command(closure, blank, [0.0], measured, np.nan * start, 0.01, 0.01, now)
+        guarded = made.command(decided(closure, blank), measured, np.nan * start, 0.01, 0.01, now)
         last = guarded.position
     assert guarded.clipped == [full]
     made.take_effort(np.zeros(16), np.zeros(16), now)  # what leads by nothing is at no limit
-    again = made.command(closure, blank, [0.0], last, np.nan * start, 0.01, 0.01, now + 0.01)
+    again = made.command(decided(closure, blank), last, np.nan * start, 0.01, 0.01, now + 0.01)
     assert again.clipped == [False]
 
 
@@ -314,9 +325,8 @@ def test_hand_joints_see_a_full_drive_while_its_command_still_rises() -> None:
         measured = start if k > 20 else last
         lead = made.lead(measured, None, now, 0.02)
         made.take_effort(lead, np.clip(3.0 * np.nan_to_num(lead), -0.3, 0.3), now - 0.05)
-        guarded = made.command(
-            wanted + 0.2 * now, blank, [0.0], measured, np.nan * start, 0.01, 0.01, now
-        )
+        step = decided(wanted + 0.2 * now, blank)
+        guarded = made.command(step, measured, np.nan * start, 0.01, 0.01, now)
         last = guarded.position
         if guarded.clipped == [True] and np.isinf(seen):
             seen = now

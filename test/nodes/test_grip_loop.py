@@ -559,3 +559,28 @@ def test_grip_loop_holds_where_a_joint_ends_or_a_finger_comes_late(seed: int) ->
     result = one.grasp(1.0, adapt=False)
     assert result.outcome == GraspOutcome.HELD, result.message
     assert one.errors(0.1) <= 0.1
+
+
+@pytest.mark.parametrize(('hand', 'event', 'force'), [
+    (('v4', 'beam', 0.8, 40), 'goal', 1.5), (('v4', 'beam', 0.8, 40), 'enable', 1.5),
+    (('v4', 'beam', 0.8, 40), 'restart', 1.5), (('stiff', 'box', 0.8, 200), 'goal', 4.0),
+])  # fmt: skip
+def test_grip_loop_goes_on_holding_what_it_carries(hand: tuple, event: str, force: float) -> None:
+    """Under a load a further goal moves nothing, but for a force that is lacking."""
+    world = pytest.importorskip('reference.allegro_world')
+    one = world.AllegroWorld(*hand, drawn=True)
+    assert one.grasp(1.5).outcome == GraspOutcome.HELD
+    one.hand_over(0.5)
+    one.run(3.0)
+    if event == 'enable':
+        one.loop.disable()
+        one.run(0.3)
+        one.loop.enable()
+    elif event == 'restart':
+        one.restart()
+        one.run(0.5)
+    before = one.moved
+    assert one.grasp(force, 1.0).outcome == GraspOutcome.HELD
+    one.run(2.0)
+    assert one.moved < before + 0.004
+    assert one.force['thumb'] > 0.9 * force
