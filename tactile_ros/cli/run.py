@@ -39,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--mock-hand', action='store_true', help='a fake replaces the driver')
     parser.add_argument('--simulated', action='store_true', help='simulate the sensors')
     parser.add_argument('--namespace', default='', help='namespace of nodes and topics')
+    parser.add_argument('--params-file', default='', help='yaml of parameters, as in config')
     parser.add_argument('--seconds', type=float, help='stop by itself after so long')
 
 
@@ -64,16 +65,16 @@ def run(options: argparse.Namespace) -> int:
 def graph_of(options: argparse.Namespace) -> Graph:
     """Processes that the options describe.
 
-    Raises TactileError if no port, or more than one, could be meant, or a calibration cannot be
-    read.
+    Raises TactileError if not one port could be meant, or a calibration cannot be read.
     """
     key = load_sensor(options.sensor).key
+    place = {'namespace': options.namespace, 'params_file': options.params_file}
     source = 'simulated' if options.simulated else 'hardware'
     if options.hand:
         setup = HandSetup(
             hand=options.hand, sensor=key, source=source, ports=options.ports, stack=True,
             calibrations=options.calibrations, fingers=options.fingers,
-            mock_hand=options.mock_hand, namespace=options.namespace,
+            mock_hand=options.mock_hand, **place,
         )  # fmt: skip
         return grasping(setup)
     if options.calibration:
@@ -83,11 +84,10 @@ def graph_of(options: argparse.Namespace) -> Graph:
             raise CalibrationError(msg)
     else:
         print('no --calibration: only what the nominal model gives is estimated', file=sys.stderr)
-    needed = not options.simulated and has_port(key)
-    port = options.port or (only_port() if needed else '')
+    port = options.port or ('' if options.simulated or not has_port(key) else only_port())
     setup = SensorSetup(
         sensor=key, source=source, calibration=options.calibration, stack=True,
-        namespace=options.namespace, **({'port': port} if port else {}),
+        **place, **({'port': port} if port else {}),
     )  # fmt: skip
     return sensing(setup)
 

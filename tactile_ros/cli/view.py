@@ -2,7 +2,7 @@
 """Show taxels, contacts, forces and grip live in the browser, or in Foxglove.
 
 The page opens by itself and is served on this machine alone. Without anything named it shows the
-topics of running nodes; a bag or file is played; a board is read without ROS; a twin is simulated.
+topics of running nodes; a bag or file is played; a board is read without ROS, or simulated.
 
 example:
   tactile view
@@ -60,13 +60,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('recording', nargs='?', help='bag, .npz or .csv to play; none: topics')
     parser.add_argument('--sensor', help='simulate this sensor, see `tactile list`')
     parser.add_argument('--board', help='serial port of a real --sensor, read without ROS')
-    parser.add_argument('--namespace', action='append', help='of topics; default: all of them')
-    parser.add_argument('--calibration', type=Path, help='of what is recorded, read or simulated')
-    parser.add_argument('--speed', type=float, default=1.0, help='of playing; 0: at once')
-    parser.add_argument('--loop', action='store_true', help='play for ever, once a page looks')
-    parser.add_argument('--seed', type=int, default=0, help='of the simulated sensor')
+    parser.add_argument('--namespace', action='append', help='namespace of topics (all)')
+    parser.add_argument('--calibration', type=Path, help='calibration file (.npz)')
+    parser.add_argument('--speed', type=float, default=1.0, help='speed of playing; 0: at once')
+    parser.add_argument('--loop', action='store_true', help='play for ever, once a page is open')
+    parser.add_argument('--seed', type=int, default=0, help='seed of the simulated sensor')
     parser.add_argument('--seconds', type=float, help='stop by itself after so long')
-    parser.add_argument('--port', type=int, default=PORT, help=f'of the server ({PORT}; 0: any)')
+    parser.add_argument('--port', type=int, default=PORT, help=f'page port ({PORT}; 0: any)')
     parser.add_argument('--control', action='store_true', help='the page may tare (key T)')
     parser.add_argument('--no-open', action='store_true', help='print the address alone')
     parser.add_argument('--foxglove', action='store_true', help='serve Foxglove instead of a page')
@@ -184,7 +184,8 @@ def show_sensor(
     viewer: PageServer | Viewer,
 ) -> None:  # fmt: skip
     """Frames of a board or of a twin through the driver, and what a pipeline says of them."""
-    config = spec.config(**({} if options.board else spec.demo))
+    usual = {} if options.board else spec.demo
+    config = calibration.config if calibration else spec.config(**usual)
     learned = None
     if calibration is None and not options.board:
         learned = learning(lambda: fitted(spec, config, options.seed + 1))
@@ -210,8 +211,7 @@ def show_sensor(
                 frame = device.read(READ_S)
             except DeviceTimeout:
                 continue
-            state = live.process(frame)
-            viewer.show('', live.pipeline.layout, frame, state)
+            viewer.show('', live.pipeline.layout, frame, live.process(frame))
 
 
 def end_of(options: argparse.Namespace) -> float:

@@ -128,7 +128,7 @@ def diagnose_stream(data: bytes, chips: int) -> str | None:
         return f'the board prints text ({kind}): load its binary stream firmware'
     other = board_size(data)
     if other not in (None, chips):
-        return f'the stream has frames of {other} chips, not of {chips}: set chips to {other}'
+        return f'the stream has frames of {other} chips, not of {chips}: give {other} `positions`'
     if other is None and board_size(data, temperatures=False) == chips:
         return 'every chip sends a temperature that none can have: mend its firmware, or send 0'
     return None

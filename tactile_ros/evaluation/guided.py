@@ -336,7 +336,7 @@ class PressGuide:
         force = np.array([f for _, f in self._rest] + [f for _, f, _ in self._pressed])
         force = force - mean_of(force[:rests])  # unknown at rest: unknown
         if np.isfinite(target.load):
-            force = np.where(held[:, None], [0.0, 0.0, target.load], np.nan)
+            force = np.where(held[:, None], [np.nan, np.nan, target.load], np.nan)
         elif self.steady_truth:
             force = np.where(held[:, None], mean_of(force[held]), np.nan)
         tare = np.arange(len(frames)) < rests

@@ -24,10 +24,11 @@ def options(*words: str) -> Namespace:
 
 
 def test_run_starts_the_sensors_of_a_hand_in_one_process() -> None:
-    words = ('--hand', 'allegro_v5', '--ports', '/dev/ttyACM0,/dev/ttyACM1', '--mock-hand')
-    graph = run.graph_of(options(*words, '--fingers', 'thumb,index'))
-    assert [process.executable for process in graph.processes] == ['mock_hand', 'stack']
-    assert graph['stack'].parameters['fingers'] == ['thumb', 'index']
+    words = '--hand allegro_v5 --ports /dev/ttyACM0,/dev/ttyACM1 --mock-hand --params-file a'
+    graph = run.graph_of(options(*words.split(), '--fingers', 'thumb,index'))
+    assert [one.executable for one in graph.processes] == ['mock_hand', 'stack']
+    stack = graph['stack']
+    assert (stack.params_file, stack.parameters['fingers']) == ('a', ['thumb', 'index'])
 
 
 def test_run_takes_the_only_port_or_names_those_that_there_are(

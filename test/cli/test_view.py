@@ -66,6 +66,9 @@ def test_a_csv_has_the_layout_of_the_calibration(
     words = ['view', '--sensor', 'gradiometer', *words[2:], '--calibration']
     assert main([*words, str(board_files / 'a.npz')]) == 1
     assert "must be of gradiometer; it is of 'reskin_board'" in capsys.readouterr().err
+    words[2], config = 'reskin_board', load_sensor('reskin_board').config(positions=np.eye(4, 3))
+    load_sensor('reskin_board').pipeline(config).save(tmp_path / 'four.npz')
+    assert main([*words, str(tmp_path / 'four.npz'), '--seconds=0.5']) == 0  # a twin of four chips
 
 
 def test_a_twin_says_about_how_long_it_learns(
@@ -73,10 +76,8 @@ def test_a_twin_says_about_how_long_it_learns(
 ) -> None:
     monkeypatch.setattr(view, 'PATIENCE_S', 0.0)
     board = load_sensor('reskin_board')
-    presses = board.recordings()['spatial'].select(slice(0, 800))
-    spec = SimpleNamespace(
-        presses=lambda *_: presses, pipeline=lambda config: board.pipeline(config, 'ridge')
-    )
+    few = board.recordings()['spatial'].select(slice(0, 800))
+    spec = SimpleNamespace(presses=lambda *_: few, pipeline=lambda c: board.pipeline(c, 'ridge'))
     assert view.fitted(spec, board.config(), 1).calibrated
     assert 'calibrating on simulated presses, about' in capsys.readouterr().err
 
@@ -88,8 +89,6 @@ def test_a_page_says_while_a_twin_is_learned(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(view, 'fitted', lambda spec, config, _: learn.wait(60) and spec.pipeline())
     monkeypatch.setattr(view.LivePipeline, 'process', lambda *_: learn.set())
     monkeypatch.setattr(view.PageServer, 'show', lambda *_: None)
-    assert (
-        main(['view', '--sensor', 'reskin_board', '--no-open', '--port', '0', '--seconds', '1'])
-        == 0
-    )
+    words = ['view', '--sensor', 'reskin_board', '--no-open', '--port', '0', '--seconds', '1']
+    assert main(words) == 0
     assert [stated and stated['text'] for stated in told] == [view.LEARNING, None]
