@@ -98,7 +98,8 @@ def results() -> str:
         '# Results',
         'Accuracy, coverage and counts of the quick seeds, by bench; `tactile bench NAME --quick` '
         'prints them. *spread* is the standard deviation over seeds. Times depend on the machine '
-        'and stand in the report of a run.',
+        'and stand in the report of a run. `reskin` and *slip* in `grasp` measure real '
+        'recordings, the others simulations. The page of a sensor explains its figures.',
         '![Figures over their aims](images/aims.svg)',
     ]
     for path in sorted((ROOT / 'benchmarks' / 'golden').glob('*.json')):

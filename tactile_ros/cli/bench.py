@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Compare with published figures and with peers, then time; write json.
+"""Compare with published figures and simple methods, then time; write json.
 
 example:
   tactile bench devices --quick

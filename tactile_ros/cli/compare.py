@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument('--sensor', help='key of the sensor, where only estimators are named')
     parser.add_argument('--truth', action='append', default=[], help='topic with the truth')
-    parser.add_argument('--seed', type=int, default=0, help='of resamples and swaps (0)')
+    parser.add_argument('--seed', type=int, default=0, help='seed of resamples and swaps (0)')
     parser.add_argument('-o', '--output', type=Path, help='page (.html) or drawing (.svg)')
     add_overwrite(parser)
     parser.add_argument('--json', action='store_true', help='print the table as JSON')

@@ -101,7 +101,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--seed', type=int, default=0, help='which places are held out')
     parser.add_argument('--json', action='store_true', help='print the table as JSON')
     parser.add_argument(
-        '--sensor', default=SENSOR, help=f'{SENSOR} plays recordings, any other one its twin'
+        '--sensor', default=SENSOR, help=f'{SENSOR} plays recordings, others are simulated'
     )
 
 

@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Trade geometry and materials of a sensor for what it shall measure, by physics.
+"""Choose geometry and materials of a sensor by what it must measure.
 
 example:
   tactile design gradiometer

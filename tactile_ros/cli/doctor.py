@@ -104,9 +104,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('bag', nargs='?', type=Path, help='bag to look at: folder, .mcap or .db3')
     parser.add_argument('--repair', type=Path, metavar='OUT', help='new folder for what is saved')
     parser.add_argument('--sensor', help='read this sensor for a few seconds')
-    parser.add_argument('--simulated', action='store_true', help='read its twin instead')
-    parser.add_argument('--seed', type=int, default=0, help='of the twin')
-    parser.add_argument('--fault', default='', help='that the twin suffers: name or name:count')
+    parser.add_argument('--simulated', action='store_true', help='read a simulated one instead')
+    parser.add_argument('--seed', type=int, default=0, help='seed of the simulated one')
+    parser.add_argument('--fault', default='', help='fault of it: name or name:count')
     parser.add_argument('--port', help='serial port of the sensor')
     parser.add_argument(
         '--set', action='append', default=[], metavar='NAME=VALUE',

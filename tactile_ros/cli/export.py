@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     form.add_argument('--lerobot', type=Path, metavar='OUT', help='new folder of the data set')
     parser.add_argument('--fps', type=rate, default=30, help='frames a second of the data set')
     parser.add_argument('--task', default='touch', help='what the hand does, in words')
-    parser.add_argument('--calibration', type=Path, action='append', default=[], help='for forces')
+    parser.add_argument('--calibration', type=Path, action='append', default=[], help='.npz file')
     parser.add_argument('--json', action='store_true', help='print the table as JSON')
 
 

@@ -217,12 +217,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     live.add_argument('--sensor', dest='key', help='key of the sensor')
     live.add_argument('--port', help='its serial port; none: a simulated one that presses itself')
     live.add_argument('--plan', type=Path, help='csv with the columns x, y (m), and load (N)')
-    live.add_argument('--pose', default='', help='topic of the true place (PoseStamped)')
-    live.add_argument('--presses', type=int, default=PRESSES, help=f'of the plan ({PRESSES})')
+    live.add_argument('--pose', default='', help='topic of the true position (PoseStamped)')
+    live.add_argument('--presses', type=int, default=PRESSES, help=f'how many ({PRESSES})')
     live.add_argument('--hold', type=float, default=1.0, help='time to hold a press (s)')
-    live.add_argument('--goal-mm', type=float, help='error of places that is wanted')
-    live.add_argument('--goal-n', type=float, help='error of forces that is wanted')
-    live.add_argument('--seed', type=int, default=0, help='of the presses that are simulated')
+    live.add_argument('--goal-mm', type=float, help='wanted error of position (mm)')
+    live.add_argument('--goal-n', type=float, help='wanted error of force (N)')
+    live.add_argument('--seed', type=int, default=0, help='seed of simulated presses')
     live.add_argument('--page', type=int, default=8765, help='port of the page (0: any)')
 
 

@@ -28,11 +28,11 @@ COMMANDS = {  # with the first line of its module, which alone is imported to ru
     'replay': 'Evaluate recordings against their truth, without ROS, and against the live run.',
     'compare': 'Compare calibrations, estimators or live runs on the same frames, with p-values.',
     'export': 'Write bags as csv, parquet, or a data set that robot policies learn from.',
-    'report': 'Gather what benches found into one HTML page: aims held, missed, speed, error.',
+    'report': 'Gather results of benches on one HTML page: aims held and missed, speed, error.',
     'view': 'Show taxels, contacts, forces and grip live in the browser, or in Foxglove.',
     'new': 'Begin a sensor of your own: one file that works at once with a simulated board.',
-    'design': 'Trade geometry and materials of a sensor for what it shall measure, by physics.',
-    'bench': 'Compare with published figures and with peers, then time; write json.',
+    'design': 'Choose geometry and materials of a sensor by what it must measure.',
+    'bench': 'Compare with published figures and simple methods, then time; write json.',
 }
 FAILED, WRONG_USE, INTERRUPTED, UNHEARD = 1, 2, 130, 141
 LONGEST = 2000  # letters of a sentence

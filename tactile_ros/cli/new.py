@@ -46,9 +46,9 @@ def shape(text: str) -> tuple[int, int]:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `tactile new`."""
     parser.add_argument('key', metavar='KEY', help='name of the sensor, such as my_pad')
-    parser.add_argument('--taxels', type=shape, required=True, metavar='RxC', help='such as 4x4')
+    parser.add_argument('--taxels', type=shape, required=True, metavar='RxC', help='rows, columns')
     parser.add_argument('--lines', action='store_true', help='the board prints text lines')
-    parser.add_argument('--folder', type=Path, default=FOLDER, help=f'of own sensors ({FOLDER})')
+    parser.add_argument('--folder', type=Path, default=FOLDER, help=f'where it goes ({FOLDER})')
 
 
 def run(options: argparse.Namespace) -> int:

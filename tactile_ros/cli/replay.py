@@ -47,10 +47,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--truth', action='append', default=[], help='topic with the truth')
     parser.add_argument(
         '--tolerance', type=partial(seconds, low=0.0),
-        help='of truth by time (s); default: half a step',
+        help='most time from truth to frame (s); default: half a step',
     )  # fmt: skip
     parser.add_argument(
-        '--delay', type=seconds, help='of truth on topics of its own (s); default: estimated'
+        '--delay', type=seconds, help='of truth after frames (s); default: estimated'
     )
     parser.add_argument('--save', type=Path, help='write PATH.json and PATH.npz')
     parser.add_argument(

@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Gather what benches found into one HTML page: aims held, missed, speed, error.
+"""Gather results of benches on one HTML page: aims held and missed, speed, error.
 
 Reads benchmarks/results/*.json, or the files and folders that are named (results of benches and
 saved replays), with the drawings that lie beside them. The page needs no network and no script.

@@ -120,7 +120,7 @@ def test_reskin_board_marks_what_it_sees(
     [
         (b'25.10,1.00,2.00,3.0025.20,1.50,2.50,3.50\r\n' * 20, 'numbers fuse'),
         (b'1.00\t2.00\t3.00\t25.10\t1.50\t2.50\t3.50\t25.20\t\r\n' * 20, 'with tabs'),
-        (encode(np.random.default_rng(0).normal(0, 1e-3, (8, 10, 3))), 'give 10 .positions'),
+        (encode(np.random.default_rng(0).normal(0, 1e-3, (8, 10, 3))), 'give 10 `positions`'),
         (np.random.default_rng(0).bytes(3000), 'but no frame of 5 chips'),
     ],
 )
