@@ -56,7 +56,7 @@ LEAST_RANGE = 3.0  # degrees that are one temperature
 FOLLOWED = (-25.0, 95.0)  # degrees Celsius, beyond which the sensitivity's polynomial stands still
 MOST_ROWS, FEW_ROWS = 1500, 200  # of a calibration; of one in which a lag is sought
 ROUGH = 0.1  # mT: noise with which the descent begins
-ROUNDS = 8  # of the evidence
+ROUNDS, STEPS = 8, 15  # of the evidence; of each, of which later rounds take up what is left
 CLEARLY = 10.0  # cost by which a lag must explain more than none
 RESTS = 5e-5  # mm, within which a resting disc rests
 CHANCE = 1e-4  # of flagging a frame that is beside no magnet
@@ -310,7 +310,9 @@ class GradiometerEstimation(Estimation):
         kinds = disc.width_groups(len(self.config.positions), self.answers_)
         for _ in range(ROUNDS):
             frames.information[:touched, learned] = 1 / model.state_sigma[learned] ** 2
-            fit = calibrate(model, frames, f, fit.states, begin=fit.parameters, gain=1e-5)
+            fit = calibrate(
+                model, frames, f, fit.states, begin=fit.parameters, most_steps=STEPS, gain=1e-5
+            )
             influence = Influence(model, fit, frames, f)
             model = learn_noise(model, fit, influence, learned, kinds)
             noise = np.maximum(model.answer_noise, disc.LEAST_NOISE * self.spread_)
