@@ -12,15 +12,12 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from tactile_ros.pipeline import Pipeline
 from tactile_ros.types import Array, Frame, Integers, Layout, Recording
-
-if TYPE_CHECKING:
-    from tactile_ros.types import Estimation, Report, SensorConfig
 
 Signal = Callable[[float], Array]
 Truth = Mapping[str, npt.NDArray[np.generic]]
@@ -258,30 +255,8 @@ class Allowed:
 EVERYTHING = Allowed(1.0, 1.0)
 
 
-class FewShotPipeline(Protocol):
-    """Pipeline that may learn classes, as far as enrolment needs it."""
-
-    sensor: str
-    config: SensorConfig
-    estimation: Estimation
-
-    @property
-    def report(self) -> Report:
-        """Errors on held-out groups, and the cost of each enrolled class."""
-
-    @property
-    def label_names(self) -> tuple[str, ...]:
-        """Names of the classes that it can recognise."""
-
-    def enrol(self, recording: Recording, label: str) -> None:
-        """Learn a class from presses."""
-
-    def forget(self, label: str) -> None:
-        """Undo an enrolment by name."""
-
-
 def learn(
-    pipeline: FewShotPipeline,
+    pipeline: Pipeline,
     label: str,
     presses: Recording,
     replace: bool = False,
@@ -342,7 +317,7 @@ def refuse_name(label: str) -> None:
         raise ValueError(msg)
 
 
-def window_of(pipeline: FewShotPipeline) -> int:
+def window_of(pipeline: Pipeline) -> int:
     """Frames of a press, as the config says; ValueError if the sensor learns no classes."""
     if not pipeline.estimation.learns_classes:
         msg = f'{pipeline.sensor} learns no classes from presses'
