@@ -20,9 +20,9 @@ from reference.grasp_film import Film, prefer_no_screen, why_not
 from reference.grasp_trials import GENTLE, Trials, grips, named, unseen
 from reference.hand_scenes import CHANGES, Carried, Grasped, Handling, Held
 from reference.hand_scenes import KINDS as THINGS
+from reference.hand_world import HandWorld
 from tactile_ros.cli.console import show
 from tactile_ros.evaluation.figures import Plot, standalone
-from tactile_ros.simulation.hand_world import HandWorld
 
 GRASPS = {'quick': 1, 'normal': 3, 'full': 50}  # of each object
 FORCES = {'quick': 1, 'normal': 2, 'full': 10}  # of each object and hand

@@ -1,5 +1,5 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Hands of the scenes: two fingers, a soft hand of one synergy, an Allegro Hand.
+"""Hands in MJCF with pads and drives: two fingers, a soft hand of one synergy, an Allegro Hand.
 
 Two fingers close towards each other on drives of 1500 N/m behind a lag, by a
 JointTrajectoryController, as `config/hands/joint_trajectory.yaml` describes one.
@@ -16,16 +16,17 @@ like fingertips, as [2] did for this hand: ellipsoids as long and wide as the ha
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from math import log
 from typing import cast
 
 import numpy as np
 
 from tactile_ros.control import GripConfig
-from tactile_ros.hands import load_hand
+from tactile_ros.hands import HandDescription, load_hand
 from tactile_ros.hands.description import Finger, parse
 from tactile_ros.hands.drivers import JointTrajectoryHand
-from tactile_ros.simulation.mjcf import HandModel, pad_friction, servo
 from tactile_ros.types import Array
 
 TRAVEL = 0.03  # m, of each finger
@@ -35,6 +36,42 @@ DEAD_TIME, LAG = 0.02, 0.05
 PAD_RADIUS = 3e-3  # the gradiometer's elastomer has 6 mm of diameter [3]
 FRICTION = 0.8
 SIDES = {'left': -1, 'right': 1}
+
+
+@dataclass(frozen=True)
+class HandModel:
+    """A hand and how it answers."""
+
+    # driver, fingers and their sensors; joints and position actuators of the model have the
+    # names of the driver's joints
+    description: HandDescription
+    bodies: str  # MJCF inside of `worldbody`, and beside it
+    rest: str
+    # for each sensor the pad's geom. A site of the same name is the sensor frame, z out of
+    # the skin
+    pads: Mapping[str, str]
+    dead_time: float  # from a command's arrival until the drives follow it (s)
+    lag: float  # time constant of the drives (s)
+    centre: tuple[float, ...]  # where things are grasped (m), and along which direction
+    across: tuple[float, ...]
+    stiffness: float  # largest force over closure of a finger on a stiff object (N)
+
+
+def pad_friction(friction: float) -> str:
+    """MJCF attributes of a soft pad: its coefficient, and what resists a turn about the normal."""
+    return f'condim="4" priority="1" friction="{friction} 0.003 0.0001" solref="0.006 1"'
+
+
+def servo(joint: str, gain: float, lag: float, most: float) -> str:
+    """MJCF of a drive: a position loop behind a first-order lag.
+
+    `gain` in N/m or N m/rad, `lag` of the target in s, at most a force or torque `most`.
+    """
+    return (
+        f'<general name="{joint}" joint="{joint}" biastype="affine" gainprm="{gain}" '
+        f'biasprm="0 -{gain} 0" dyntype="filterexact" dynprm="{lag}" '
+        f'forcerange="-{most} {most}"/>'
+    )
 
 
 def parallel_hand(rate_hz: float = GripConfig.rate_hz) -> HandModel:

@@ -23,15 +23,14 @@ from reference.hand_scenes import (
     LoadScene,
     Touched,
 )
+from reference.hand_world import HandWorld, Rig
 from tactile_ros.control import GripConfig, qb_softhand
 from tactile_ros.nodes.grip_loop import GripLoop
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.sensors.gradiometer.config import GradiometerConfig
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.simulation import skins
-from tactile_ros.simulation.hand_world import HandWorld, Rig
-from tactile_ros.simulation.hands import allegro_hand, parallel_hand, soft_hand
-from tactile_ros.simulation.mjcf import HandModel
+from tactile_ros.simulation.hands import HandModel, allegro_hand, parallel_hand, soft_hand
 from tactile_ros.types import Array, Frame, Recording
 
 Watcher = Callable[[HandWorld], None]

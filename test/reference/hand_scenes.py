@@ -9,19 +9,19 @@ friction of both pads is halved; a pad that slides has 15 % less friction than o
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import medfilt
 from scipy.spatial.transform import Rotation
 
+from reference.hand_world import HandWorld, Rig
 from tactile_ros.control import GripPhase
+from tactile_ros.nodes.grip_loop import Decision
 from tactile_ros.physics.magnetics import SCALE, dipole_field
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
-from tactile_ros.simulation.hand_world import Decided, HandWorld, Rig
-from tactile_ros.simulation.hands import OPEN, REACH, on_half_cylinder
-from tactile_ros.simulation.mjcf import CUBE, SOLIDS, STILL, HandModel, balloon, solid
+from tactile_ros.simulation.hands import OPEN, REACH, HandModel, on_half_cylinder
 from tactile_ros.types import Array, Bools, Frame
 
 FAR, NEAR = 0.1, 0.014  # m
@@ -36,6 +36,64 @@ MAGNET = """
     <body name="magnet" mocap="true">
       <geom type="cylinder" size="0.006 0.006" rgba="0.5 0.5 0.55 1" contype="0" conaffinity="0"/>
     </body>"""
+
+CUBE, SPHERE = 0.057, 0.06  # m: edge of a Rubik's cube, diameter of a printed sphere
+MOUSE = (0.1, 0.06, 0.038)  # m: length, width and height of a wireless mouse
+BALLOON = 0.07  # m
+# holds an object named `object` where it is, until it is switched off
+STILL = '<equality><weld body1="world" body2="object" solref="0.02 1"/></equality>'
+SOLIDS = {  # shape, lengths (m), colour
+    'cube': ('box', (CUBE,) * 3, '0.2 0.45 0.75 1'),
+    'sphere': ('sphere', (SPHERE,), '0.85 0.75 0.3 1'),
+    'mouse': ('ellipsoid', MOUSE, '0.3 0.6 0.45 1'),
+}
+
+
+def solid(
+    kind: str,
+    mass: float,
+    place: Iterable[float] = (0.0, 0.0, 0.0),
+    turn: Iterable[float] = (1.0, 0.0, 0.0, 0.0),
+) -> str:
+    """MJCF of a stiff `object`, free to move: a 'cube', a 'sphere', or a 'mouse' on its side.
+
+    It begins at `place` (m), turned by a quaternion (w, x, y, z); mass in kg.
+    """
+    shape, lengths, colour = SOLIDS[kind]
+    size = _words(0.5 * length for length in lengths)
+    return f"""
+    <body name="object" pos="{_words(place)}" quat="{_words(turn)}">
+      <freejoint name="object"/>
+      <geom name="object" type="{shape}" size="{size}" mass="{mass}" rgba="{colour}"/>
+    </body>"""
+
+
+def balloon(stiffness: float, damping: float, place: Iterable[float]) -> str:
+    """MJCF of a balloon named `object`, held at `place` (m), whose sides give way along x.
+
+    Stiffness and damping are those of each side (N/m, N s/m); it weighs 5 g.
+    """
+    radius = BALLOON / 2
+    sides = ''.join(
+        f"""
+      <body name="{name}_side" pos="{sign * 0.5 * radius} 0 0">
+        <joint name="{name}_side" type="slide" axis="{-sign} 0 0" stiffness="{stiffness}"
+          damping="{damping}"/>
+        <geom name="{name}_side" type="ellipsoid" size="{0.5 * radius} {radius} {radius}"
+          mass="0.002" rgba="0.9 0.3 0.35 0.8"/>
+      </body>"""
+        for name, sign in (('left', -1), ('right', 1))
+    )
+    return f"""
+    <body name="object" pos="{_words(place)}" gravcomp="1">
+      <joint name="object" type="slide" axis="1 0 0" damping="0.05"/>
+      <geom name="object" type="ellipsoid" size="{0.72 * radius} {radius} {radius}"
+        mass="0.001" rgba="0.9 0.3 0.35 0.8" contype="0" conaffinity="0"/>{sides}
+    </body>"""
+
+
+def _words(numbers: Iterable[float]) -> str:
+    return ' '.join(f'{number:.9f}' for number in numbers)
 
 
 @dataclass(frozen=True)
@@ -116,7 +174,7 @@ class BalloonScene:
         rows = np.array(self._rows, np.float64)
         return Held(rows[:, 0], rows[:, 1], rows[:, 2] > 0, world.time)
 
-    def _watch(self, world: HandWorld, _: Decided) -> None:
+    def _watch(self, world: HandWorld, _: Decision) -> None:
         """Keep a row."""
         pad = world.pads[self._finger]
         valid = world.read_force(world.tips[self._finger], pad.state)[1]
@@ -230,19 +288,19 @@ class GraspScene:
         trace = np.array(self._rows)
         return Grasped(touched, stayed, contacts, *self._settling(trace), trace, world.time)
 
-    def _watch(self, world: HandWorld, decided: Decided) -> None:
+    def _watch(self, world: HandWorld, decided: Decision) -> None:
         """Keep a row."""
         forces = [float(pad.force[2]) for pad in world.pads.values()]
         self._rows.append([world.time, *forces, *decided.made.target_force.tolist()])
         self._phases.append(decided.made.phase)
 
-    def _until_engaged(self, world: HandWorld, decided: Decided) -> bool:
+    def _until_engaged(self, world: HandWorld, decided: Decision) -> bool:
         """Watch until all pads press, or the hand holds what it has."""
         pressing = all(pad.force[2] > PRESSING for pad in world.pads.values())
         loads = decided.made.phase >= GripPhase.LOAD and pressing
         return self._until_hold(world, decided) or loads
 
-    def _until_hold(self, world: HandWorld, decided: Decided) -> bool:
+    def _until_hold(self, world: HandWorld, decided: Decision) -> bool:
         """Watch until the hand holds."""
         self._watch(world, decided)
         return decided.made.phase >= GripPhase.HOLD
@@ -367,7 +425,7 @@ class LoadScene:
         slides = abs(world.data.qvel[-6 + 2]) > SLIDES
         world.model.geom_friction[self._pads, 0] = friction * (KINETIC if slides else 1.0)
 
-    def _watch(self, world: HandWorld, decided: Decided) -> bool:
+    def _watch(self, world: HandWorld, decided: Decision) -> bool:
         """Keep a row; the end, where the object is lost."""
         x, y, z = world.pads['left'].force.tolist()
         fallen = -float(world.data.body('object').xpos[2])

@@ -10,21 +10,22 @@ import pytest
 from reference import hand_scenes as scenes
 from reference.grasp_film import Film
 from reference.grasp_trials import Trials, fingertips, fitted, grips, mistaken, named, rig_of
-from reference.hand_scenes import Handling, Touched
+from reference.hand_scenes import Handling, Touched, solid
+from reference.hand_world import HandWorld, message, scene_text
 from tactile_ros.control import GripConfig, GripPhase
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.hands.drivers import TRAJECTORY
+from tactile_ros.nodes.grip_loop import Decision
 from tactile_ros.sensors.magnet_pad.config import MagnetPadConfig
 from tactile_ros.simulation import skins
-from tactile_ros.simulation.hand_world import Decided, HandWorld, message
 from tactile_ros.simulation.hands import (
     LAG,
+    HandModel,
     allegro_hand,
     on_half_cylinder,
     parallel_hand,
     soft_hand,
 )
-from tactile_ros.simulation.mjcf import HandModel, scene_text, solid
 from tactile_ros.simulation.skins import AVERAGED, Fingertip, magnet_pad_skin
 from tactile_ros.types import GripCommand
 
@@ -76,7 +77,7 @@ def test_hand_world_holds_a_cube_by_its_bytes(trials: Trials) -> None:
         def bear() -> None:
             world.data.xfrc_applied[cube, 2] = MASS * GRAVITY * (world.time < 2.0)
 
-        def watch(_: HandWorld, decided: Decided) -> None:
+        def watch(_: HandWorld, decided: Decision) -> None:
             phases.append(decided.made.phase)
             if decided.command is not None:
                 commands.append(decided.command.position)

@@ -9,50 +9,46 @@ DDS alone is left out.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import ModuleType, SimpleNamespace
-from typing import Protocol
 
 import numpy as np
 
-from tactile_ros.control import GripStep
 from tactile_ros.errors import load_package
 from tactile_ros.hands.drivers import JOINT_STATE, TRAJECTORY, read_command, read_joint_states
-from tactile_ros.simulation.mjcf import HandModel, scene_text
+from tactile_ros.nodes.grip_loop import Decision, GripLoop
+from tactile_ros.simulation.hands import HandModel
 from tactile_ros.simulation.skins import Fingertip
-from tactile_ros.types import Array, ContactState, GripCommand
+from tactile_ros.types import Array, ContactState
+
+TIME_STEP = 1e-3  # s
 
 
-class Decided(Protocol):
-    """Result of one step of a `Stage`."""
+def scene_text(bodies: str, rest: str) -> str:
+    """MJCF of a scene: a light, `bodies` inside of `worldbody`, and what moves them beside it.
 
-    made: GripStep
-    command: GripCommand | None
-
-
-class Stage(Protocol):
-    """The loop of grip_node without ROS, as `nodes.grip_loop.GripLoop` describes it."""
-
-    def enable(self) -> None:
-        """Let commands be sent."""
-
-    def grasp(
-        self, target_force: float, fingers: Sequence[str], timeout: float, adapt: bool
-    ) -> None:
-        """Close until something is held."""
-
-    def take_touch(
-        self, fingers: Sequence[int], force: Sequence[float], valid: bool, slip: int, now_s: float
-    ) -> None:
-        """Keep the force on fingers of one sensor."""
-
-    def take_joints(self, position: Array, now_s: float) -> None:
-        """Keep measured joint positions."""
-
-    def step(self, now_s: float, stamp_ns: int) -> Decided:
-        """One control step."""
-        ...
+    Friction is Coulomb's cone (elliptic) and hardly creeps; a pad's own coefficient holds wherever
+    it touches, since pads have priority.
+    """
+    return f"""<mujoco model="grasp">
+  <compiler angle="radian" autolimits="true"/>
+  <option timestep="{TIME_STEP}" integrator="implicitfast" cone="elliptic" impratio="20"
+    noslip_iterations="3"/>
+  <visual>
+    <global offwidth="640" offheight="480"/>
+    <headlight ambient="0.45 0.45 0.45" diffuse="0.5 0.5 0.5" specular="0.1 0.1 0.1"/>
+  </visual>
+  <asset>
+    <texture type="skybox" builtin="flat" rgb1="0.93 0.94 0.96" rgb2="0.93 0.94 0.96"
+      width="8" height="8"/>
+  </asset>
+  <worldbody>
+    <light pos="0.3 -0.4 1" dir="-0.3 0.4 -1" diffuse="0.4 0.4 0.4" castshadow="false"/>
+    {bodies}
+  </worldbody>
+  {rest}
+</mujoco>"""
 
 
 @dataclass(frozen=True)
@@ -71,7 +67,7 @@ class Rig:
 
     hand: HandModel
     tips: Mapping[str, Fingertip]  # by sensor, tared; the order is that of the stage's fingers
-    stage: Stage  # of the same hand
+    stage: GripLoop  # of the same hand
     rate_hz: float  # of the controller (Hz)
 
 
@@ -152,7 +148,7 @@ class HandWorld:
         self.engine.mj_forward(self.model, self.data)
 
     def run(
-        self, seconds: float, watch: Callable[[HandWorld, Decided], bool | None] | None = None
+        self, seconds: float, watch: Callable[[HandWorld, Decision], bool | None] | None = None
     ) -> None:
         """Let time pass; `watch` sees every control step, and True from it ends the run."""
         for _ in range(round(seconds / self.model.opt.timestep)):
@@ -212,7 +208,7 @@ class HandWorld:
             estimated, valid = self.read_force(tip, state)
             self.stage.take_touch([i], estimated.tolist(), valid, int(state.slip), self.time)
 
-    def _control(self) -> Decided:
+    def _control(self) -> Decision:
         """Joint states to the controller, and its command through the adapter's messages."""
         states = message(JOINT_STATE)
         states.name = list(self._driver.joints)
