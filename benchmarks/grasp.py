@@ -14,11 +14,11 @@ import numpy as np
 from benchmarks.harness.rows import BenchResult, Row
 from reference.grip_world import GripWorld
 from reference.hand_scenes import CHANGES, Handling
-from reference.hand_world import load_engine
 from reference.load_world import LoadWorld
 from tactile_ros.control import Drive, GripConfig, GripForce, GripPhase, qb_softhand
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.sensors import load_sensor
+from tactile_ros.simulation.hands import load_engine
 from tactile_ros.types import Array, Bools, Integers, Recording
 
 SENSOR = load_sensor('reskin_board')

@@ -38,9 +38,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from tactile_ros.evaluation.metrics import Spread
-    from tactile_ros.evaluation.report import Cell
     from tactile_ros.pipeline import Pipeline
     from tactile_ros.types import Array, Columns, Layout
+    from tactile_ros.types.contracts import Cell
 
 IN_MEMORY = ('.npz', '.csv')
 VECTORS = ('position', 'force', 'torque')

@@ -31,11 +31,11 @@ from tactile_ros.evaluation.metrics import Agreement
 from tactile_ros.files import write_atomically
 from tactile_ros.pipeline import Pipeline
 from tactile_ros.types import Array, Columns, ContactStates, Recording, Table
+from tactile_ros.types.contracts import Cell
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-Cell = str | float | int | None
 LOW_IS_BETTER = ('mean', 'p50', 'p95', 'RMSE', 'us/frame')
 PACKAGES = ('numpy', 'scipy', 'rosbags', 'ros-rclpy', 'numba', 'scikit-learn')
 MOST_LETTERS = 90  # of a value of a configuration

@@ -1,2 +1,2 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
-"""Worlds in which sensors grip, press and slide, written apart from what estimates."""
+"""Hands in MJCF and skins of their fingertips; worlds that run them stand in `test/reference`."""

@@ -19,11 +19,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import log
+from types import ModuleType
 from typing import cast
 
 import numpy as np
 
 from tactile_ros.control import GripConfig
+from tactile_ros.errors import load_package
 from tactile_ros.hands import HandDescription, load_hand
 from tactile_ros.hands.description import Finger, parse
 from tactile_ros.hands.drivers import JointTrajectoryHand
@@ -55,6 +57,11 @@ class HandModel:
     centre: tuple[float, ...]  # where things are grasped (m), and along which direction
     across: tuple[float, ...]
     stiffness: float  # largest force over closure of a finger on a stiff object (N)
+
+
+def load_engine() -> ModuleType:
+    """MuJoCo's module, or a `MissingPackageError` that says how to install it."""
+    return load_package('mujoco', 'simulated hands need MuJoCo')
 
 
 def pad_friction(friction: float) -> str:

@@ -8,9 +8,10 @@ from types import ModuleType
 
 from PIL.Image import Image
 
-from reference.hand_world import HandWorld, load_engine
+from reference.hand_world import HandWorld
 from tactile_ros.errors import MissingPackageError
 from tactile_ros.evaluation.figures import nice_ticks
+from tactile_ros.simulation.hands import load_engine
 
 SIZE, COLOURS = (240, 320), 64  # rows and columns of a picture
 BELOW, LEFT, RIGHT = 120, 30, 310  # rows below a picture for forces; columns of their axes

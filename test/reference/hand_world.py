@@ -11,14 +11,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 
 import numpy as np
 
-from tactile_ros.errors import load_package
 from tactile_ros.hands.drivers import JOINT_STATE, TRAJECTORY, read_command, read_joint_states
 from tactile_ros.nodes.grip_loop import Decision, GripLoop
-from tactile_ros.simulation.hands import HandModel
+from tactile_ros.simulation.hands import HandModel, load_engine
 from tactile_ros.simulation.skins import Fingertip
 from tactile_ros.types import Array, ContactState
 
@@ -69,11 +68,6 @@ class Rig:
     tips: Mapping[str, Fingertip]  # by sensor, tared; the order is that of the stage's fingers
     stage: GripLoop  # of the same hand
     rate_hz: float  # of the controller (Hz)
-
-
-def load_engine() -> ModuleType:
-    """MuJoCo's module, or a `MissingPackageError` that says how to install it."""
-    return load_package('mujoco', 'simulated hands need MuJoCo')
 
 
 class HandWorld:
