@@ -135,7 +135,7 @@ def tare_means(values: Array, run: Integers) -> Array:
     return np.asarray(total / np.where(hits > 0, hits, np.nan))
 
 
-@dataclass(frozen=True)
+@dataclass  # as Signals
 class Baselines:
     """Baselines (s, t, c) of frames that follow one another, and variances (s,) over a frame's.
 

@@ -97,7 +97,7 @@ class Drive:
     spread: float = 1.0  # factor by which `own` may be wrong either way; 1: exact
     fastest: float = 1.0  # change of the command that its joints can follow (1/s)
 
-    @property
+    @cached_property
     def is_soft(self) -> bool:
         """Judge whether its own stiffness is known, so that its joints tell a force."""
         return isfinite(self.own)

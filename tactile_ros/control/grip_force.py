@@ -330,8 +330,8 @@ class GripForce:
             self._contradict(closures, given.by_drive(), dt)
         for (law, fingers), had, closure in zip(self._groups, before, closures, strict=True):
             law.let_time_pass(dt)
-            touches = _pressing(fingers) and not had
-            if touches and self.phase in (GripPhase.CLOSE, GripPhase.TOUCH):
+            closes = self.phase in (GripPhase.CLOSE, GripPhase.TOUCH)
+            if closes and not had and _pressing(fingers):
                 law.meet(closure)
 
     def _contradict(self, closures: list[float], pressed: list[float], dt: float) -> None:

@@ -445,9 +445,10 @@ class StepTrigger:
         self._stepped_s = -inf
         self._due_ns = 0
 
-    def take(self, finger: int, stamp_ns: int | None, now_s: float) -> bool:
-        """Note what came from a finger, with its stamp if it is of this clock; True: step now."""
-        self._came_s[finger], self._new[finger] = now_s, True
+    def take(self, fingers: Sequence[int], stamp_ns: int | None, now_s: float) -> bool:
+        """Note what came from fingers, with its stamp if it is of this clock; True: step now."""
+        for finger in fingers:
+            self._came_s[finger], self._new[finger] = now_s, True
         newest = self.newest_ns
         if stamp_ns is not None and (newest is None or stamp_ns > newest):
             self.newest_ns = stamp_ns

@@ -551,14 +551,13 @@ class GripNode(ManagedNode):
             now_s, now_ns = time.monotonic(), self.now_ns()
             age = self._ages.get(topic) or self._ages.setdefault(topic, StampAge())
             measured_s = age.measured_s(stamp_ns, now_ns, now_s)
-            due, fingers = False, self._fingers.get(topic, ())
+            fingers = self._fingers.get(topic, ())
             self._loop.take_touch(
                 fingers, touch.force, touch.valid, touch.slip, measured_s, touch.normal,
                 touch.covariance,
             )  # fmt: skip
-            for finger in fingers:
-                due = self._trigger.take(finger, stamp_ns if age.agrees else None, now_s)
-            if due:
+            stamp_ns = stamp_ns if age.agrees else None
+            if fingers and self._trigger.take(fingers, stamp_ns, now_s):
                 self._step(now_s, now_ns)
 
     def _on_joints(self, position: Array, effort: Array | None, stamp_ns: int) -> None:
