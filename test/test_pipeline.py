@@ -766,26 +766,13 @@ def test_load_refuses_arrays_that_change_its_answers(tmp_path: Path, value: floa
 def test_load_refuses_any_number_that_is_not_what_was_learned(tmp_path: Path) -> None:
     fitted().save(tmp_path / 'c.npz')
     members = read(tmp_path / 'c.npz')
-    # what a tare changes, and answers, are compared with what the file answers
-    compared = ('answers', 'rest_/baseline', 'rest_/temperature_c')
     for name, array in members.items():
-        if array.dtype.kind == 'f' and array.size and not name.startswith(compared):
+        if array.dtype.kind == 'f' and array.size and not name.startswith('answers'):
             changed = array.copy()
             changed.flat[-1] = 1.001 * np.nan_to_num(changed.flat[-1]) + 1e-6
             write(tmp_path / 'd.npz', {**members, name: changed})
             with pytest.raises(CalibrationError):
                 Pipeline.load(tmp_path / 'd.npz', 'toy', CLASSES)
-
-
-@pytest.mark.parametrize('factor', [0.5, 2.0])
-def test_load_refuses_another_threshold_of_contact(tmp_path: Path, factor: float) -> None:
-    fitted().save(tmp_path / 'c.npz')
-    members = read(tmp_path / 'c.npz')
-    write(
-        tmp_path / 'd.npz', {**members, 'rest_/scale.array': factor * members['rest_/scale.array']}
-    )
-    with pytest.raises(CalibrationError, match='answers reference frames'):
-        Pipeline.load(tmp_path / 'd.npz', 'toy', CLASSES)
 
 
 def test_the_digest_is_of_what_was_learned() -> None:
