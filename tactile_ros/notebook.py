@@ -16,7 +16,7 @@ from pathlib import Path
 from tactile_ros.calibration import MARK
 from tactile_ros.errors import RecordingError, TactileError
 from tactile_ros.evaluation import fleet, recording_files
-from tactile_ros.evaluation.recording_files import LoadedRecording
+from tactile_ros.evaluation.recording_files import LoadedRecording, places_outside
 from tactile_ros.evaluation.replay import check_learned, replay, with_known_rests, with_tare_rows
 from tactile_ros.evaluation.report import Result, provenance
 from tactile_ros.files import has_mark, refuse_misfit
@@ -50,10 +50,13 @@ class Calibration(Pipeline):
     def fit(self, *recordings: Recording) -> Calibration:
         """Learn from recordings with truth, as `tactile calibrate` does; returns itself.
 
-        Raises ValueError if there is none, or a shape, a unit or a channel differs, and
-        RecordingError where nothing can be learned.
+        It warns of true places far outside of the taxels. Raises ValueError if there is none, or a
+        shape, a unit or a channel differs, and RecordingError where nothing can be learned.
         """
         self.check_layout(*recordings)
+        for recording in recordings:
+            for sentence in places_outside(recording):
+                _warn(sentence)
         super().fit(*with_known_rests(recordings))
         check_learned(self, recordings)
         return self

@@ -162,6 +162,8 @@ def test_load_decides_from_what_there_is(
     tr.save_recording(replace(presses, truth=places), tmp_path / 'mm.npz')
     with pytest.warns(UserWarning, match='mm: 620 true places are far outside of the taxels'):
         tr.load(tmp_path / 'mm.npz')
+    with pytest.warns(UserWarning, match='^620 true places are far outside'):
+        tr.sensor('reskin_board').fit(replace(presses, truth=places), estimator='grid_knn')
     (tmp_path / 'mm.npz').unlink()
     tr.save_recording(presses, tmp_path / 'presses.npz')
     with pytest.raises(tr.TactileError, match=r'board.npz is a file of another kind'):

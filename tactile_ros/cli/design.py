@@ -20,8 +20,7 @@ from tactile_ros.sensors import SensorSpec, designable, load_sensor
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `tactile design`; what follows the sensor is for its own parser."""
-    keys = ', '.join(designable()) or 'none here'
-    parser.add_argument('sensor', help=f'one of: {keys}')
+    parser.add_argument('sensor', help=f'one of: {", ".join(designable()) or "none here"}')
     parser.add_argument(
         'rest', nargs=argparse.REMAINDER, metavar='...',
         help='--config, --json and what `tactile design SENSOR --help` names',

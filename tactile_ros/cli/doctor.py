@@ -61,7 +61,7 @@ TROUBLES = {
     'nacks': 'check the wires and the addresses of the chips',
     'resets': 'check the supply: chips lose it for moments',
     'bus_errors': 'check pull-ups and wires of the bus',
-    'stalls': 'check the supply and the wires',
+    'stalls': 'check the supply, the wires, and what holds this machine up',
     'crc_errors': 'check cable and baud rate: bytes arrive damaged',
     'framing_errors': 'check cable and baud rate: bytes arrive damaged',
     'dropped': 'close what else uses the processor, or lower the rate: frames are lost',
@@ -250,9 +250,7 @@ def serial_ports(names: Sequence[str], root: Path = Path('/')) -> list[Finding]:
         timer = device / 'latency_timer'
         if timer.is_file():
             found.append(latency(path.name, timer))
-    return found or [
-        Finding('serial ports', NOTE, 'none, but for any /dev/ttyS', 'plug a board in')
-    ]
+    return found or [Finding('serial ports', NOTE, 'none but /dev/ttyS*', 'plug a board in')]
 
 
 def permission(path: Path, group: str, rule: str) -> Finding:

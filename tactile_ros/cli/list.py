@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import argparse
 import textwrap
+from pathlib import Path
 
+from tactile_ros import sensors
 from tactile_ros.cli.console import show, working
-from tactile_ros.sensors import SensorSpec, list_sensors, load_sensor
 
 COLUMNS = ('sensor', 'paper', 'what', 'transports', 'connect', 'estimators')
 
@@ -25,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Print a paragraph, or an object, for every sensor."""
     with working('reading the sensors'):
-        rows = [_row(load_sensor(key)) for key in list_sensors()]
+        rows = [_row(sensors.load_sensor(key)) for key in sensors.list_sensors()]
     if options.json:
         show(COLUMNS, rows, as_json=True)
         return 0
@@ -37,14 +38,15 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _row(spec: SensorSpec) -> tuple[str, ...]:
+def _row(spec: sensors.SensorSpec) -> tuple[str, ...]:
     connection = spec.connection()
     buses = getattr(connection, 'buses', ())
     ways = [f'buses {", ".join(buses)}'] if buses else []
     if hasattr(connection, 'port'):
         baud = getattr(connection, 'baud', '')
         ways.append(f'port {connection.port}' + (f' at {baud} baud' if baud else ''))
+    page = f'; docs/{spec.key}.md' if Path(sensors.__path__[0], spec.key).is_dir() else ''
     return (
         spec.key, spec.paper, spec.summary, '; '.join(spec.transports),
-        f'{" or ".join(ways)}; docs/{spec.key}.md', ', '.join(spec.estimator_names),
+        f'{" or ".join(ways)}{page}', ', '.join(spec.estimator_names),
     )  # fmt: skip

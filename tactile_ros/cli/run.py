@@ -1,8 +1,9 @@
 # Copyright 2026 The tactile_ros authors. SPDX-License-Identifier: Apache-2.0
 """Run the nodes of a sensor, or of a hand with its sensors, until Ctrl-C.
 
-Without --port the only serial port of this machine is taken. Without --calibration the nominal
-model of the sensor estimates, where it has one. `tactile view` shows what the nodes publish.
+Without --port the only serial port here is taken, without --calibration the nominal model of the
+sensor estimates, where it has one. Simulated sensors are pressed otherwise than by `tactile
+calibrate --live`. `tactile view` shows what the nodes publish.
 
 example:
   tactile run --sensor gradiometer --simulated
@@ -25,6 +26,7 @@ from tactile_ros.nodes.processes import Running
 from tactile_ros.sensors import load_sensor
 
 LOOK_S = 0.1
+PLAYED = 1  # seed of simulated presses; calibrations are learned from those of 0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -74,7 +76,7 @@ def graph_of(options: argparse.Namespace) -> Graph:
         setup = HandSetup(
             hand=options.hand, sensor=key, source=source, ports=options.ports, stack=True,
             calibrations=options.calibrations, fingers=options.fingers,
-            mock_hand=options.mock_hand, **place,
+            mock_hand=options.mock_hand, seed=PLAYED, **place,
         )  # fmt: skip
         return grasping(setup)
     if options.calibration:
@@ -87,7 +89,7 @@ def graph_of(options: argparse.Namespace) -> Graph:
     port = options.port or ('' if options.simulated or not has_port(key) else only_port())
     setup = SensorSetup(
         sensor=key, source=source, calibration=options.calibration, stack=True,
-        **place, **({'port': port} if port else {}),
+        seed=PLAYED, **place, **({'port': port} if port else {}),
     )  # fmt: skip
     return sensing(setup)
 

@@ -179,8 +179,7 @@ class DeviceTime:
 
     def counters(self) -> dict[str, int]:
         """Counts by name."""
-        names = ('clock_jumps', 'clock_steps', 'stalls')
-        return {name: vars(self)[name] for name in names}
+        return {name: vars(self)[name] for name in ('clock_jumps', 'clock_steps', 'stalls')}
 
     def restart(self) -> None:
         """Expect another origin of the board's clock, as after a reconnection."""
@@ -193,13 +192,12 @@ class DeviceTime:
         `time_us` is the board's clock at each, wrapping at 2^32; `lost` are known lost before
         each; the last was whole at `now_ns`, less its time on the wire.
         """
-        elapsed_ns = max(0, now_ns - self._now_ns)
         before_ns = self._device_ns
         device_ns: list[int] = []
         repeated: list[bool] = []
         for raw_us, gap in zip(time_us, lost, strict=True):
             repeated.append(raw_us == self._raw_us)
-            self._device_ns += self._step(raw_us, gap, elapsed_ns)
+            self._device_ns += self._step(raw_us, gap, now_ns)
             self._raw_us = raw_us
             device_ns.append(self._device_ns)
         behind = len(time_us) > 1 and self._device_ns - device_ns[0] > KEPT_BACK_NS
@@ -214,8 +212,10 @@ class DeviceTime:
         # 0 would say that there is no clock
         return Moments([max(1, one_ns) for one_ns in device_ns], stamps, repeated)
 
-    def _step(self, raw_us: int, lost: int, elapsed_ns: int) -> int:
-        """Time since the frame before (ns)."""
+    def _step(self, raw_us: int, lost: int, now_ns: int) -> int:
+        """Time since the frame before (ns), which a reader that was held up had not read yet."""
+        before_ns = self._now_ns if self._offset_ns is None else self._device_ns + self._offset_ns
+        elapsed_ns = max(0, now_ns - before_ns)
         if self._raw_us is None:
             return elapsed_ns if self._device_ns else raw_us * NS_PER_US
         step_us = (raw_us - self._raw_us) % WRAP_US

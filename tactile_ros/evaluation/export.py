@@ -188,12 +188,10 @@ class SensorTables:
         """Append the frames of the next piece."""
         recording, live, forces = piece.recording, piece.contacts, self.forces.of(piece)
         count, (taxels, _) = len(recording), recording.layout.shape
-        names = ('stamp_ns', 'sequence', 'stream')
-        key = {name: np.asarray(getattr(recording, name)) for name in names}
+        key = {name: np.asarray(getattr(recording, name)) for name in ('stamp_ns', 'sequence')}
         bits, chips = recording.status, recording.temperature_c
-        stream = key.pop('stream')
         self._write('frames', {
-            **key, 'stream': stream,
+            **key, 'stream': np.asarray(recording.stream),
             'status': np.zeros((count, taxels), np.uint8) if bits is None else bits,
             'temperature_c': np.full((count, taxels), np.nan) if chips is None else chips,
             'values': recording.values,

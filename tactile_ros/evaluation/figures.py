@@ -33,6 +33,7 @@ LEFT, RIGHT, TOP, BOTTOM = 46.0, 14.0, 30.0, 42.0  # pixels around the axes
 LETTER, LINE = 6.4, 15.0  # pixels of a letter and of a line of labels
 PAGE = 1180.0  # pixels across
 MM = 1e3
+SHADES = (0.5, 2.0, 5.0, 15.0)  # % of a class, from which a cell is shaded, and darker
 MOST_PLACED = 1 << 16  # rows whose places are drawn
 Span = tuple[float, float]
 PREFIXES = {0: '', -3: 'm', -6: 'µ', -9: 'n'}
@@ -150,11 +151,13 @@ class Plot:
         self._marks.append(f'<path class="{kind}" d="{path}{"Z" * closed}"/>')
 
     def band(self, x: Array, low: Array, high: Array, kind: str) -> None:
-        """Fill the area between two lines."""
-        kept = np.isfinite(x) & np.isfinite(low) & np.isfinite(high)
-        if kept.sum() > 1:
-            there, ends = np.append(x[kept], x[kept][::-1]), np.append(low[kept], high[kept][::-1])
-            self.line(there, ends, kind, closed=True)
+        """Fill the area between two lines; NaN breaks it."""
+        gaps = np.flatnonzero(~np.isfinite(x + low + high))
+        for start, end in pairwise([-1, *gaps.tolist(), len(x)]):
+            own = slice(start + 1, end)
+            if end - start > 2:
+                ends = np.append(low[own], high[own][::-1])
+                self.line(np.append(x[own], x[own][::-1]), ends, kind, closed=True)
 
     def dots(self, x: Array, y: Array, kind: str) -> None:
         """Draw round dots, as one path of lines without length."""
@@ -203,15 +206,9 @@ class Plot:
         self.text(x, None, label, row=row)
 
     def text(
-        self,
-        x: float,
-        y: float | None,
-        words: str,
-        anchor: str = 'start',
-        kind: str = '',
-        row: int = 0,
-        shift: float = 0.0,
-    ) -> None:
+        self, x: float, y: float | None, words: str, anchor: str = 'start', kind: str = '',
+        row: int = 0, shift: float = 0.0,
+    ) -> None:  # fmt: skip
         """Write at a place (`shift` pixels lower), or under the top of the plot without `y`."""
         px = float(self.x(x)) + {'start': 5, 'end': -5}.get(anchor, 0)
         py = TOP + 11 + LINE * row if y is None else float(self.y(y)) + 4 + shift
@@ -586,7 +583,7 @@ def _trace(
     upper.line(broken, guess, f'line {colour}')
     lower = _error_plot((0.0, end), error, ('time (s)', 'error (N)'), (size[0], 150),
                         'Error of the force over time', 99.5)  # fmt: skip
-    lower.band(time[rows], -sigma, sigma, f'band {colour}')
+    lower.band(broken, -sigma, sigma, f'band {colour}')
     lower.line(broken, error, f'line {colour}')
     return upper, lower
 
@@ -650,7 +647,7 @@ def confusion_plot(table: Array, name: str, description: str) -> Plot:
     plot = Plot(ends, ends, f'named {name}', f'true {name}', (380, 380), integer_ticks=True,
                 description=description)  # fmt: skip
     true, named = np.nonzero(np.nan_to_num(table) >= 0.5)
-    shades = np.searchsorted((2.0, 5.0, 15.0), table[true, named]) + 1
+    shades = np.searchsorted(SHADES[1:], table[true, named]) + 1
     each = zip(true.tolist(), named.tolist(), table[true, named].tolist(), strict=True)
     titles = [f'{name} {a} named {b}: {share:.1f} %' for a, b, share in each]
     kinds = [f's{shade}' for shade in shades]
@@ -672,8 +669,7 @@ def confusion_figure(errors: metrics.ClassErrors) -> Figure:
     if pairs := [f'{a} for {b} ({wrong[a, b]:.0f} %)' for a, b in worst if wrong[a, b] >= 0.5]:
         text += f'; taken most often: {", ".join(pairs)}'
     caption = f'{text}. A row adds up to 100 % with those not named.'
-    key = shade_key((0.5, 2, 5, 15), '%')[1:]
-    return Figure(f'Which {name} is taken for which', caption, (plot,), key)
+    return Figure(f'Which {name} is taken for which', caption, (plot,), shade_key(SHADES, '%')[1:])
 
 
 def contact_sentence(errors: metrics.ContactErrors) -> str:
@@ -693,13 +689,13 @@ def contact_sentence(errors: metrics.ContactErrors) -> str:
 def contact(errors: metrics.ContactErrors) -> Figure:
     """Reported contact against truth, and what a threshold of the estimated force would do."""
     plots = [confusion_plot(errors.table, 'contact (0 none, 1)', 'Reported contact, truth')]
-    text = contact_sentence(errors)
+    text, shades = contact_sentence(errors), shade_key(SHADES, '%')[1:]
     rest, touched = (
         np.sort(one[np.isfinite(one)])
         for one in (errors.estimate[~errors.touched], errors.estimate[errors.firm])
     )
     if not (len(rest) and len(touched)):
-        return Figure('Is something touching?', f'{text}.', tuple(plots))
+        return Figure('Is something touching?', f'{text}.', tuple(plots), shades)
     limits = np.linspace(0.0, 10 * metrics.LEAST_TOUCH, 101)
     alarms = 100 - 100 * np.searchsorted(rest, limits, side='right') / len(rest)
     missed = 100 * np.searchsorted(touched, limits) / len(touched)
@@ -709,7 +705,7 @@ def contact(errors: metrics.ContactErrors) -> Figure:
                       description='False alarms and missed contacts by threshold'))  # fmt: skip
     for share, kind in ((alarms, 'line c1'), (missed, 'line c0')):
         plots[1].line(limits, share, kind)
-    key = (('c1', 'at rest, force above'), ('c0', 'touched, force below'))
+    key = (*shades, ('c1', 'at rest, force above'), ('c0', 'touched, force below'))
     return Figure('Is something touching?', f'{text}.', tuple(plots), key)
 
 

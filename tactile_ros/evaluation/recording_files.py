@@ -122,7 +122,7 @@ class LoadedRecording:
         return np.unique(self.contacts.rows)
 
 
-def _far_places(recording: Recording) -> list[str]:
+def places_outside(recording: Recording) -> list[str]:
     """Sentence on true places farther from the taxels than these from one another."""
     places, taxels = recording.truth.get('position', np.empty((0, 3))), recording.layout.positions
     low, high = taxels.min(axis=0), taxels.max(axis=0)
@@ -141,7 +141,7 @@ class Loaded:
     @property
     def sentences(self) -> list[str]:
         """All problems, those of each recording under its name."""
-        parts = [(r.name, (*r.problems, *_far_places(r.recording))) for r in self.recordings]
+        parts = [(r.name, (*r.problems, *places_outside(r.recording))) for r in self.recordings]
         inner = [f'{name}: {text}' for name, texts in parts for text in texts]
         return [*self.problems, *inner]
 
@@ -550,9 +550,7 @@ def load_recording(path: str | os.PathLike[str]) -> Recording:
     def named(prefix: str) -> Columns:
         return {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}
 
-    given: dict[str, Any] = {
-        name: x if x.ndim else x.item() for name, x in named('layout_').items()
-    }
+    given: dict[str, Any] = {k: x if x.ndim else x.item() for k, x in named('layout_').items()}
     columns = {name: arrays.get(name) for name in _COLUMNS}
     try:
         channels = tuple(str(name) for name in given.pop('channels'))
@@ -573,13 +571,22 @@ def read_csv(path: str | os.PathLike[str], layout: Layout) -> Recording:
     taxels, channels = layout.shape
     samples = len(next(iter(columns.values())))
 
-    def table(names: Sequence[str]) -> Array:
-        """Take numbers of columns out, shape (s, n); empty cells are NaN."""
-        cells = [columns.pop(name, [''] * samples) for name in names]
-        return np.array([[float(c) if c else math.nan for c in one] for one in cells]).T
+    def column(name: str, what: str, read: Callable[[str], float]) -> list[float]:
+        """Take numbers of a column out; those of one that is not there are empty cells."""
+        numbers: list[float] = []
+        try:
+            for cell in columns.pop(name, [''] * samples):
+                numbers.append(read(cell))
+        except ValueError as err:
+            msg = f'row {len(numbers) + 1} of column {name} must be {what}; received {cell!r}'
+            raise ValueError(msg) from err
+        return numbers
 
-    def integers(name: str) -> Integers | None:
-        return np.array([*map(int, columns.pop(name))]) if name in columns else None
+    def table(names: Sequence[str]) -> Array:
+        return np.array([column(n, 'a number', lambda c: float(c or 'nan')) for n in names]).T
+
+    def integers(name: str, what: str = 'a whole number') -> Integers | None:
+        return np.array(column(name, what, int)) if name in columns else None
 
     names = [f'{channel}_{taxel}' for taxel in range(taxels) for channel in layout.channels]
     wrong = next((f'{name!r} is missing' for name in names if name not in columns), '')
@@ -587,8 +594,14 @@ def read_csv(path: str | os.PathLike[str], layout: Layout) -> Recording:
         if not wrong:
             recording = Recording.from_arrays(
                 layout, table(names).reshape(samples, taxels, channels),
-                stamp_ns=_csv_stamps(columns) if 'time_s' in columns else integers('stamp_ns'),
-                truth=_csv_truth(columns, table, taxels, samples),
+                stamp_ns=np.array(column('time_s', 'seconds', _nanoseconds))
+                if 'time_s' in columns
+                else integers('stamp_ns', 'whole nanoseconds (seconds are time_s)'),
+                truth={
+                    key: table(ends).reshape(samples, *field_shape(key, taxels))
+                    for key in TRUTH_KEYS
+                    if columns.keys() & {*(ends := _truth_names(key, taxels))}
+                },
                 **{name: integers(name) for name in ('sequence', 'stream', 'tare')},
                 **{
                     name: table([f'{name}_{taxel}' for taxel in range(taxels)])
@@ -627,29 +640,18 @@ def _csv_columns(file: Path) -> dict[str, list[str]]:
     names = [name.strip() for name in rows[0]]
     wrong = next((n for n, row in enumerate(rows, 1) if row and len(row) != len(names)), None)
     if wrong is not None or len(set(names)) != len(names) or ';' in names[0]:
-        where = f'line {wrong}' if wrong else 'the header'
-        msg = f'{file}: {where} does not fit the {len(names)} columns that commas separate, not ;'
+        msg = f'{file}: line {wrong or 1} does not fit {len(names)} columns, which commas separate'
         raise RecordingError(msg)
     body = [row for row in rows[1:] if row]
     return {name: [row[i].strip() for row in body] for i, name in enumerate(names)}
 
 
-def _csv_stamps(columns: dict[str, list[str]]) -> Integers:
-    seconds = [cell.partition('.') for cell in columns.pop('time_s')]
-    return np.array([int(s) * NS_PER_S + int(f'{part:0<9.9}') for s, _, part in seconds], np.int64)
+def _nanoseconds(text: str) -> int:
+    seconds, _, part = text.partition('.')
+    return int(seconds) * NS_PER_S + int(f'{part:0<9.9}')
 
 
-def _csv_truth(
-    columns: dict[str, list[str]], table: Callable[[Sequence[str]], Array], taxels: int,
-    samples: int,
-) -> dict[str, Array]:  # fmt: skip
-    truth = {}
-    for key in TRUTH_KEYS:
-        shape = field_shape(key, taxels)
-        ends = [f'_{axis}' for axis in 'xyz']
-        if shape != (3,):
-            ends = [f'_{n}' for n in range(math.prod(shape))] if shape else ['']
-        names = [f'{key}{end}' for end in ends]
-        if any(name in columns for name in names):
-            truth[key] = table(names).reshape(samples, *shape)
-    return truth
+def _truth_names(key: str, taxels: int) -> list[str]:
+    shape = field_shape(key, taxels)
+    ends = 'xyz' if shape == (3,) else range(math.prod(shape))
+    return [f'{key}_{end}' for end in ends] if shape else [key]

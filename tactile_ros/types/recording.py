@@ -32,8 +32,8 @@ def _column(
     if array.shape != (samples,):
         msg = f'{name} of Recording must have shape ({samples},); received {array.shape}'
         raise ValueError(msg)
-    if array.dtype.kind == 'f' and not np.isfinite(array).all():
-        msg = f'{name} of Recording must be whole numbers; received NaN or inf'
+    if array.dtype.kind == 'f' and len(odd := array[(array != array.round()) | np.isinf(array)]):
+        msg = f'{name} of Recording must be whole numbers; received {odd[0]:g}'
         raise ValueError(msg)
     return np.asarray(array.astype(dtype))
 

@@ -59,7 +59,7 @@ def test_nothing_connected_fails_and_says_what_to_do(
     assert code == 1
     assert found['sensor']['state'] == doctor.BAD
     assert '--simulated' in found['sensor']['remedy']
-    assert found['serial ports']['what'] == 'none, but for any /dev/ttyS'
+    assert found['serial ports']['what'] == 'none but /dev/ttyS*'
     assert found['serial ports']['state'] == found['I2C buses']['state'] == doctor.NOTE
     assert 'i2c-dev' in found['I2C buses']['remedy']
 

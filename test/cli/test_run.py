@@ -38,7 +38,7 @@ def test_run_takes_the_only_port_or_names_those_that_there_are(
     monkeypatch.setattr(run, 'list_ports', lambda: here)
     assert run.graph_of(options())['stack'].parameters['port'] == '/dev/ttyUSB3'
     twin = run.graph_of(options('--sensor', 'gradiometer', '--simulated'))['stack'].parameters
-    assert (twin['simulated'], 'port' in twin) == (True, False)
+    assert (twin['simulated'], twin['seed'], 'port' in twin) == (True, 1, False)
     here.append('/dev/ttyACM1')
     with pytest.raises(DeviceError, match=r'--port must name .*there are /dev/ttyUSB3, /dev/ttyA'):
         run.graph_of(options())

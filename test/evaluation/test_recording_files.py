@@ -130,12 +130,13 @@ def put(tmp_path: Path) -> Iterator[Put]:
 @pytest.mark.parametrize(
     ('text', 'sentence'),
     [
-        ('', 'no rows'), ('u_0\n', 'no rows'), ('u_0,u_0\n1,2\n', 'header does not fit'),
-        ('u_0\n1,2\n', 'line 2'),
-        ('u_0\nred\n', 'red'),
-        ('w\n1\n', "'u_0' is missing"),
+        ('', 'no rows'), ('u_0\n', 'no rows'), ('u_0,u_0\n1,2\n', 'line 1 does not fit'),
+        ('u_0\n1,2\n', 'line 2'), ('w\n1\n', "'u_0' is missing"),
+        ('u_0\n1\nred\n', "row 2 of column u_0 must be a number; received 'red'"),
+        ('u_0,stamp_ns\n1,0.02\n', "stamp_ns must be whole nanoseconds .* received '0.02'"),
+        ('u_0,time_s\n1,\n', "row 1 of column time_s must be seconds; received ''"),
         ('u_0,Fz\n1,2\n', "one of time_s, stamp_ns.*force_z, torque_z,.* received 'Fz'"),
-        ('u_0;tare\n1;2\n', 'the header does not fit the 1 columns that commas separate, not ;'),
+        ('u_0;tare\n1;2\n', 'line 1 does not fit 1 columns, which commas separate'),
         ('u_0,stamp_ns\n1,99999999999999999999999\n', 'no recording'),
     ],
 )  # fmt: skip

@@ -201,7 +201,7 @@ def test_other_lengths_are_refused_by_name(name: str, value: np.ndarray) -> None
         Recording.from_arrays(LAYOUT, **arguments)
     if name in ('stamp_ns', 'sequence', 'stream'):
         with pytest.raises(ValueError, match=f'{name} of Recording must be whole'):
-            recording(3, **{name: np.array([0, np.nan, 2])})
+            recording(3, **{name: np.array([0, 0.5, np.nan])})
 
 
 def test_stamps_increase_inside_a_stream_only() -> None:
