@@ -136,10 +136,9 @@ class CsvFile:
             names = (self._names(name, column.shape[1:]) for name, column in columns.items())
             self._writer.writerow([cell for part in names for cell in part])
             self._begun = True
-        parts = [column.reshape(len(column), -1).tolist() for column in columns.values()]
-        for row in zip(*parts, strict=True):
-            cells = [cell for part in row for cell in part]
-            self._writer.writerow(['' if cell != cell else cell for cell in cells])  # noqa: PLR0124
+        parts = (one for part in columns.values() for one in part.reshape(len(part), -1).T)
+        cells = [np.where(one != one, '', one.astype(object)).tolist() for one in parts]  # noqa: PLR0124
+        self._writer.writerows(zip(*cells, strict=True))
 
     def close(self) -> None:
         """Write what is left."""
