@@ -156,12 +156,8 @@ class ChipConnection(ChipSettings, SerialConnection):
     buses: tuple[str, ...] = texts(('/dev/i2c-1',), 'paths of the I2C buses')
     bus_of_chip: tuple[int, ...] = whole_numbers((0,), 'bus of each chip, or of all', 0, 15)
     addresses: tuple[int, ...] = whole_numbers((0x0C, 0x0D), 'address of each chip', 8, 0x77)
-    mux_addresses: tuple[int, ...] = whole_numbers(
-        (DIRECT,), 'switch of each chip, or of all; 0: none', 0, 0x77
-    )
-    mux_channels: tuple[int, ...] = whole_numbers(
-        (0,), 'channel of the switch for each chip, or for all', 0, 7
-    )
+    mux_addresses: tuple[int, ...] = whole_numbers((DIRECT,), 'switch of each; 0: none', 0, 0x77)
+    mux_channels: tuple[int, ...] = whole_numbers((0,), 'channel of the switch of each chip', 0, 7)
     bus_clock: int = whole(FASTEST_HZ, 'clock of the buses (Hz); 0: unknown', 0, FASTEST_HZ)
     mode: str = text_of('single', 'all at the same time, or fastest', ('single', 'burst'))
     resolution: tuple[int, ...] = whole_numbers((1, 1, 1), 'RES of x, y, z', 0, 3, (3,))

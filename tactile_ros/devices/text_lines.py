@@ -58,7 +58,6 @@ class LineDecoder:
         self.content = f'{count} numbers a line'
         self.size = COLUMN_BYTES * count + len(END)
         self.counts = LineCounts()
-        self.last = ''
         self._count = count
         self.reset()
 
