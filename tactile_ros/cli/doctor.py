@@ -326,10 +326,9 @@ def probe(bus: I2cBus) -> Finding:
     finally:
         bus.close()
     named = [f'{a:#04x}' for a in chips] + [f'{a:#04x} (switch)' for a in switches]
-    if named:
-        return Finding(bus.path, OK, f'answers come from {", ".join(named)}')
+    what = f'answers come from {", ".join(named)}' if named else 'no chip or switch answers'
     remedy = 'check power, ground, SDA and SCL, and pull-ups of the chips'
-    return Finding(bus.path, WARN, 'nobody answers at the addresses of chips and switches', remedy)
+    return judged(bus.path, what, not named, remedy)
 
 
 def _answers(bus: I2cBus, address: int, data: bytes) -> bool:
