@@ -164,8 +164,7 @@ def boards(scene: Scene) -> Callable[[Connection], None]:
             pipe.send([port.port for port in ports])
             for port in ports:
                 port.wait_for_reader(PATIENCE_S)
-            period_ns, begin = round(NS / scene.rate_hz), time.time_ns()
-            written: list[int] = []
+            period_ns, begin, written = round(NS / scene.rate_hz), time.time_ns(), []
             for rows in (range(REST), range(REST, REST + KEPT)):
                 for row in cycle(rows):
                     at = begin + len(written) * period_ns
@@ -177,7 +176,8 @@ def boards(scene: Scene) -> Callable[[Connection], None]:
                     written.append(now)
                     if select([pipe], [], [], 0)[0]:
                         break
-                pipe.recv()
+                if pipe.recv() == 'end':
+                    break
             pipe.send(np.array(written, np.int64))
 
     return work
