@@ -107,7 +107,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--simulated', action='store_true', help='read a simulated one instead')
     parser.add_argument('--seed', type=int, default=0, help='seed of the simulated one')
     parser.add_argument('--fault', default='', help='fault of it: name or name:count')
-    parser.add_argument('--port', help='serial port of the sensor')
+    parser.add_argument('--port', help='port or I2C bus of the sensor')
     parser.add_argument(
         '--set', action='append', default=[], metavar='NAME=VALUE',
         help='another field of its connection or config',
@@ -343,9 +343,8 @@ def examine(options: argparse.Namespace) -> list[Finding]:
     """Read the sensor, or its twin."""
     spec = load_sensor(options.sensor)
     given = dict(_pair(text) for text in options.set)
-    if options.port is not None:
-        given['port'] = options.port
-    config, connection = _with(given, spec.config(), spec.connection())
+    connection = spec.connection() if options.port is None else spec.connection().at(options.port)
+    config, connection = _with(given, spec.config(), connection)
     with ExitStack() as held:
         if options.simulated:
             twin = held.enter_context(spec.simulate(config, connection, None, options.seed))

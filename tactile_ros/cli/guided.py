@@ -215,7 +215,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     live = parser.add_argument_group('guided (--live)', 'press where page and terminal say')
     live.add_argument('--live', action='store_true', help='read the sensor instead of recordings')
     live.add_argument('--sensor', dest='key', help='key of the sensor')
-    live.add_argument('--port', help='its serial port; none: a simulated one that presses itself')
+    live.add_argument('--port', help='its port or I2C bus; none: simulated presses')
     live.add_argument('--plan', type=Path, help='csv with the columns x, y (m), and load (N)')
     live.add_argument('--pose', default='', help='topic of the true position (PoseStamped)')
     live.add_argument('--presses', type=int, default=PRESSES, help=f'how many ({PRESSES})')
@@ -472,8 +472,9 @@ def run(options: argparse.Namespace, spec: SensorSpec, config: SensorConfig) -> 
         print(f'showing {page.address} ; Ctrl-C stops, the same command goes on', file=sys.stderr)
         if presses:
             print(f'going on after {len(presses)} presses', file=sys.stderr)
-        connection = spec.connection(**({'port': options.port} if options.port else {}))
+        connection = spec.connection()
         if simulated is None:
+            connection = connection.at(options.port)
             device = held.enter_context(spec.open(config, connection, time.time_ns))
         else:
             twin = spec.simulate(config, connection, simulated.signal, options.seed)

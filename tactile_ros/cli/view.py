@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `tactile view`."""
     parser.add_argument('recording', nargs='?', help='bag, .npz or .csv to play; none: topics')
     parser.add_argument('--sensor', help='simulate this sensor, see `tactile list`')
-    parser.add_argument('--board', help='serial port of a real --sensor, read without ROS')
+    parser.add_argument('--board', help='port or I2C bus of a real --sensor, read without ROS')
     parser.add_argument('--namespace', action='append', help='namespace of topics (all)')
     parser.add_argument('--calibration', type=Path, help='calibration file (.npz)')
     parser.add_argument('--speed', type=float, default=1.0, help='speed of playing; 0: at once')
@@ -196,7 +196,7 @@ def show_sensor(
     end = end_of(options)
     with ExitStack() as held:
         if options.board:
-            connection = spec.connection(port=options.board)
+            connection = spec.connection().at(options.board)
             device = held.enter_context(spec.open(config, connection, time.time_ns))
         else:
             twin = held.enter_context(spec.simulate(config, spec.connection(), None, options.seed))

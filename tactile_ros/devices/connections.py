@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import cast
 
 import numpy as np
@@ -56,7 +57,7 @@ class SerialConnection:
         raise NotImplementedError
 
     def at(self, port: str) -> SerialConnection:
-        """The same at the port of a twin."""
+        """The same at another port."""
         return replace(self, port=port)
 
     def board(self, layout: Layout) -> Callable[..., SerialTwin]:
@@ -176,6 +177,12 @@ class ChipConnection(ChipSettings, SerialConnection):
             raise ValueError(msg)
         switched = [(m, c) if m != DIRECT else () for m, c in zip(mux, channel, strict=True)]
         return [ChipPlace(a, b, *s) for a, b, s in zip(addresses, bus, switched, strict=True)]
+
+    def at(self, port: str) -> ChipConnection:
+        """The same at an I2C bus such as /dev/i2c-1, else at a microcontroller's serial port."""
+        if Path(port).name.startswith('i2c'):
+            return replace(self, transport='i2c', buses=(port,))
+        return replace(self, transport='serial', port=port)
 
     def open(self, layout: Layout, clock_ns: Callable[[], int]) -> Device:
         """See `SerialConnection.open`."""

@@ -377,3 +377,5 @@ def test_chip_connection_chooses_the_driver_by_transport() -> None:
     assert isinstance(connection.open(FOUR, time.monotonic_ns), ChipArray)
     serial = dataclasses.replace(connection, transport='serial')
     assert isinstance(serial.open(FOUR, time.monotonic_ns), FramedBoard)
+    assert connection.at('/dev/i2c-7').buses == ('/dev/i2c-7',)
+    assert isinstance(connection.at('/dev/ttyACM0').open(FOUR, time.monotonic_ns), FramedBoard)
