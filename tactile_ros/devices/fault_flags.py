@@ -18,7 +18,7 @@ RUN, RUNS, REPEATS, CHANGED = range(4)  # counts of a taxel: repeats in this run
 STALE, STUCK, DEAD = (int(TaxelStatus[name]) for name in ('STALE', 'STUCK', 'DEAD'))
 ALL = np.empty(0, bool)
 STUCK_AFTER = 10  # identical readings in a row
-UNCHANGED = 1000  # readings: the noise of no chip hides for so long
+UNCHANGED = 1000  # readings since the start: the noise of no chip hides for so long
 FALSE_ALARM = 1e-6  # probability with which noise alone makes such a run, of all taxels together
 MARGIN = 0.02  # share of the range at its ends that counts as saturated
 JUMP = 0.5  # of the range: the largest change from one reading to the next that is trusted
@@ -38,8 +38,7 @@ class StuckDetector:
     repeat counts only where at least the share `others` of all taxels changed; a taxel that has
     not changed `least_changes` times yet may rest since the start, and where that is 0, it is
     stuck after `UNCHANGED`. Runs of stuck taxels are not learnt. With `whole` the board is judged
-    so too, in which what was not read repeats itself, and is DEAD where all readings are 0. With
-    `least_changes` 0, an axis that stood still in `UNCHANGED` changes of its taxel makes it stuck.
+    so too, in which what was not read repeats itself, and is DEAD where all readings are 0.
 
     Notes
     -----
@@ -54,13 +53,12 @@ class StuckDetector:
         self._limits = np.array([np.log(FALSE_ALARM / taxels), others * taxels, least_changes])
         self._counts, self._board = np.zeros((taxels, 4)), np.zeros((int(whole), 4))
         self._counts[:, CHANGED] = self._board[:, CHANGED] = -1.0  # the first is no change
-        self._last = np.empty((2, taxels, 0))  # readings, and changes in which these stood still
+        self._last = np.empty((0, 0))  # readings as float64, which all counts fit
         self._follow(np.empty((0, taxels, 1)), ALL, ALL)  # no frame waits for a compiler
 
     def forget(self, taxels: Bools | slice = slice(None)) -> None:
         """Begin the runs of these taxels, and of the board, anew."""
         self._counts[taxels, RUN] = self._board[:, RUN] = 0
-        self._last[1, taxels] = -np.inf
 
     def follow(
         self, readings: npt.NDArray[Any], measured: Bools = ALL, informative: bool = True
@@ -70,7 +68,8 @@ class StuckDetector:
         Only taxels `measured` (t,) were read; empty: all. At the ends of the range a repeat is not
         `informative` and does not count.
         """
-        return np.asarray(self._follow(readings[None], measured, np.array([informative]))[0][0])
+        same: Bools = self._follow(readings[None], measured, np.array([informative]))[0][0]
+        return same
 
     def follow_frames(self, readings: Array, informative: Bools = ALL) -> Bytes:
         """Bits of `TaxelStatus`, shape (s, t), of readings (s, t, c); `informative` (s,)."""
@@ -80,8 +79,8 @@ class StuckDetector:
         """Repeats and bits (s, t) of the next readings (s, t, c)."""
         now = np.array(readings, np.float64, order='C')
         same, status = np.zeros(now.shape[:2], bool), np.zeros(now.shape[:2], np.uint8)
-        if self._last.shape[1:] != now.shape[1:]:
-            self._last = np.full((2, *now.shape[1:]), [[[np.nan]], [[-np.inf]]])
+        if self._last.shape != now.shape[1:]:
+            self._last = np.full(now.shape[1:], np.nan)
         _follow_rows(
             now, measured, informative, self._limits, self._last, self._counts, self._board, same,
             status,
@@ -90,9 +89,7 @@ class StuckDetector:
 
     def status(self) -> Bytes:
         """Bits of `TaxelStatus`, shape (t,): STALE and STUCK."""
-        still = (self._last[1] >= UNCHANGED).any(axis=1) * np.uint8(STALE | STUCK)
-        each = np.array([_bits(one, self._limits) for one in self._counts], np.uint8)
-        return np.asarray(still | each)
+        return np.array([_bits(one, self._limits) for one in self._counts], np.uint8)
 
 
 @inlined
@@ -127,11 +124,10 @@ def _count(same: bool, counts: Array, limits: Array) -> int:
 
 @compiled
 def _follow_rows(
-    readings: Array, measured: Bools, informative: Bools, limits: Array, past: Array,
+    readings: Array, measured: Bools, informative: Bools, limits: Array, last: Array,
     counts: Array, board: Array, same: Bools, status: Bytes,
 ) -> None:  # fmt: skip
-    """Write repeats and bits (s, t) of readings (s, t, c); what is past, and counts, move on."""
-    last, held = past
+    """Write repeats and bits (s, t) of readings (s, t, c); the last (t, c) and counts move on."""
     alone = np.array([math.log(FALSE_ALARM), 0.0, 0.0])
     for s in range(len(readings)):
         moved, alike, dead = 0, True, True
@@ -146,15 +142,10 @@ def _follow_rows(
                 dead &= now == 0.0
             if read:
                 moved += _count(same[s, t], counts[t], limits)
-                still = counted and not same[s, t] and limits[2] == 0.0
-                for c in range(last.shape[1]):
-                    begun = -np.inf if np.isnan(last[t, c]) else 0.0
-                    held[t, c] = held[t, c] + still if readings[s, t, c] == last[t, c] else begun
                 last[t] = readings[s, t]
         for t in range(len(last)):
             counts[t, RUN] += same[s, t] and counted and moved >= limits[1]
-            still = held[t].max() >= UNCHANGED
-            status[s, t] = STALE | STUCK if still else _bits(counts[t], limits)
+            status[s, t] = _bits(counts[t], limits)
         for one in board:
             _count(alike, one, alone)
             one[RUN] += alike and counted

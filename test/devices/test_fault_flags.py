@@ -28,13 +28,6 @@ def test_stuck_detector_marks_the_tenth_alike_until_it_moves() -> None:
     assert not np.delete(stuck, 2, axis=1).any()
 
 
-def test_stuck_detector_finds_an_axis_that_stands_still_among_others() -> None:
-    readings = np.rint(noisy(3000))
-    readings[1500:, 2, 1] = readings[1500, 2, 1]
-    taxels = follow(readings).any(axis=0), follow(readings[:2500]).any(axis=0)
-    assert [one.tolist() for one in taxels] == [[False, False, True, False], [False] * 4]
-
-
 def test_stuck_detector_does_not_judge_a_still_board() -> None:
     readings = noisy(200)
     readings[60:] = readings[60]
