@@ -66,7 +66,7 @@ class Finger:
         self.carried = nan  # least load since the grip had settled (N)
         self.regulated = 0.0  # error that its drive regulates (N)
         self._mean = self._friction = nan
-        self._moving = self._leaning = self._pressing = self._still = 0.0
+        self._moving = self._leaning = self._pressing = self._still = self._unwatched = 0.0
         self._bits = self._command = nan
         self._at = (nan, nan)
         self.slip.reset()
@@ -184,6 +184,9 @@ class Finger:
     def contradiction(self, pressed: float, closure: float, dt: float) -> str:
         """Contradiction of its force by a drive that presses (N) at a closure; empty: none."""
         push = pressed - self.law.trailing * self.law.plant.own
+        self._unwatched += dt  # a soft drive tells its force with new joint states alone
+        told = isfinite(push) or not self.law.plant.is_soft
+        dt, self._unwatched = (self._unwatched, 0.0) if told else (0.0, self._unwatched)
         return self._denied(push, dt) if self.touching else self._leans(push, closure, dt)
 
     def _leans(self, pressed: float, joints: float, dt: float) -> str:
@@ -217,14 +220,15 @@ class Finger:
         normal, target, plant = self.given.normal, self.target, self.law.plant
         if normal != self._bits:
             self._bits, self._command, self._still = normal, self.law.command, 0.0
-        self._still += dt if isfinite(pressed) or not plant.is_soft else 0.0
+        self._still += dt
         unit = plant.own if plant.is_soft else plant.stiffness_high
         moved = abs(self.law.command - self._command) * unit
         if self.new and self._still > self._patience and moved > FROZEN_MOVED * target:
             return f'reads {normal:.2f} N to the last bit while its drive moves'
         own = pressed - (self._friction if isfinite(self._friction) else 0.0)
         low = own > TOO_MUCH * target and normal < own / (2.0 * plant.spread)
-        self._pressing = self._pressing + dt if low else 0.0  # false of NaN
+        if isfinite(own):
+            self._pressing = self._pressing + dt if low else 0.0
         if self._pressing < PATIENCE:
             return ''
         return f'reads {normal:.2f} N while its drive presses {own:.2f} N'

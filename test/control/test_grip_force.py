@@ -187,12 +187,17 @@ def test_grip_force_names_a_bias_before_anything_moves() -> None:
     assert GraspSequence(CONFIG).step(made, 0.01).outcome == GraspOutcome.FAULT
 
 
+@pytest.mark.parametrize('joints', [1, 4])  # steps from one joint state to the next
 @pytest.mark.parametrize(
-    ('dies', 'fault'),
-    [('reads nothing', 'thumb reads'), ('freezes', 'to the last bit while its drive moves')],
+    ('dies', 'fault', 'most'),
+    [
+        ('reads nothing', 'thumb reads', 1.3),
+        ('freezes', 'to the last bit while its drive moves', 1.3),
+        ('reads a tenth', 'while its drive presses', 2.6),
+    ],
 )
 def test_grip_force_is_stopped_by_a_sensor_that_its_drive_contradicts(
-    dies: str, fault: str
+    dies: str, fault: str, most: float, joints: int
 ) -> None:
     law = GripForce(QUICK, (0, 1), (1, -1), [SOFT, SOFT], ('index', 'thumb'))
     law.enable()
@@ -200,19 +205,23 @@ def test_grip_force_is_stopped_by_a_sensor_that_its_drive_contradicts(
         law.step(OPEN, 0.01)
     law.grasp(2.0)
     rng = np.random.default_rng(1)
-    for _ in range(400):
+    shares = {'freezes': (1.0, 1.0), 'reads nothing': (1.0, 0.0), 'reads a tenth': (0.1, 0.1)}
+    for step in range(400):
         command = np.nan_to_num([one.command for one in law.laws])
         true = SOFT.own * np.maximum(command - 0.4, 0.0)
-        normal = np.minimum(true, 1.0) if dies == 'freezes' else true * (1.0, 0.0)
+        normal = np.minimum(true * shares[dies], 1.0 if dies == 'freezes' else np.inf)
         normal = normal + 0.02 * rng.normal(size=2) * (normal < 1.0)
         given = dataclasses.replace(
-            OPEN, normal=normal, closure=np.minimum(command, 0.4), pressed=true + 0.1
+            OPEN,
+            normal=normal,
+            closure=np.minimum(command, 0.4),
+            pressed=true + 0.1 if step % joints == 0 else np.full(2, np.nan),
         )
         made = law.step(given, 0.01)
         if made.fault:
             break
     assert fault in made.fault
-    assert true.max() < 1.3 * 2.0
+    assert true.max() < most * 2.0
 
 
 @pytest.mark.parametrize('stops', ['disable', 'abandon', 'new target'])
