@@ -6,12 +6,12 @@ of the fingers grow together (`GripTargets`). An approach goes no further in the
 needs to react than the stiffest object yields under `IMPACT` asked forces.
 
 Fingers that oppose each other on a free object would push it to the weaker sensor: the part of
-their errors that pushes counts by `NET`, for `NET_TIME` or until a load comes. Afterwards the
-squeeze alone is regulated, and each finger closes by its share of it: a difference between fingers
-of one side is what holds the object against turning. From the first load on, soft drives that have
-settled keep their commands, which hold it as springs do (`HandJoints` makes them stiffer), and
-raise them by their gains alone: to answer what a load does to single forces moves what it leans
-on. A further goal answers no more than a lacking squeeze.
+their errors that pushes counts by `NET` until a load comes, or the object still walks after
+`NET_TIME`. Afterwards the squeeze alone is regulated, and each finger closes by its share of it: a
+difference between fingers of one side is what holds the object against turning. From the first
+load on, soft drives that have settled keep their commands, which hold it as springs do
+(`HandJoints` makes them stiffer), and raise them by their gains alone: to answer what a load does
+to single forces moves what it leans on. A further goal answers no more than a lacking squeeze.
 """
 
 from __future__ import annotations
@@ -43,7 +43,9 @@ WAITING, WAITING_SHARE = 2.0, 0.7  # levels of contact, of the target: force tha
 TOUCH_TIME = 1.0  # s, longest wait for the other fingers
 SETTLED, SETTLED_SIGMAS, SETTLED_TIME, AVERAGED = 0.07, 0.5, 0.3, 0.08  # of a target; s
 MOST_ERROR = 0.1  # of the target: a held finger has no more
-NET, NET_TIME = 0.5, 3.0  # share of errors that push an object; s for which errors push
+NET, NET_TIME = 0.5, 3.0  # share of errors that push an object; s of a load until it must stand
+WATCHED, WALKS = 0.5, 0.005  # s, closures that what stands does not go in them
+AGREED = 0.5  # least force of a side, of that of the other: else one reads wrongly
 STRONGEST = 1.2  # targets that the strongest reading may have while sides disagree
 LATE = 1.5  # periods without a new force: one may be missed or cross with a step
 SAME = 1e-9  # closure within which a command was admitted as it was
@@ -187,8 +189,9 @@ class GripForce:
         self._begin_load()
 
     def _begin_load(self) -> None:
-        """Let errors push the object for a while, until fingers have settled."""
-        self._since, self._has_settled = 0.0, False
+        """Let errors push the object until fingers have settled, or it walks."""
+        self._since, self._due, self._place = 0.0, NET_TIME, nan
+        self._has_settled = self._pushed = False
 
     def release(self, why: str = '') -> None:
         """Open; `refusal` says `why` from now until the next grasp, where something went wrong."""
@@ -421,7 +424,7 @@ class GripForce:
         if not complete:
             self._unseen += dt
             return
-        self._share_errors()
+        self._share_errors(closures)
         # an object that one side pushes away feels soft: that is not its stiffness
         gripped = not self._opposed or {-1, 1} <= {finger.side for finger in touching}
         calm = self.phase == GripPhase.HOLD and bool(touching)
@@ -451,7 +454,7 @@ class GripForce:
         keeps = self._loaded and law.plant.is_soft and (self._has_settled or error <= 0.0)
         law.regulate(target, target - error, dt, self._unseen, keeps)
 
-    def _share_errors(self) -> None:
+    def _share_errors(self, closures: list[float]) -> None:
         """Errors of touching fingers (N), without what would push a free object further."""
         for finger in self.fingers:
             soft = self._loaded and finger.law.plant.is_soft
@@ -460,7 +463,10 @@ class GripForce:
         sided = [finger for finger in _pressing(self.fingers) if finger.side]
         if len({finger.side for finger in sided}) < 2:
             return
-        if not self._loaded and self._since < NET_TIME:
+        if self._since >= self._due:
+            self._watch(closures)
+        pushes = not (self._loaded or self._pushed)
+        if pushes:
             net = sum(finger.side * finger.regulated for finger in sided) / len(sided)
             for finger in sided:
                 finger.regulated -= (1.0 - NET) * finger.side * net
@@ -473,6 +479,20 @@ class GripForce:
         if over < 0.0 and self.phase in HOLDING:  # weaker readings may be wrong
             for finger in sided:
                 finger.regulated = min(finger.regulated, over * finger.target)
+
+    def _watch(self, closures: list[float]) -> None:
+        """Judge whether fingers push an object on and on: it walks, or one side reads wrongly."""
+        pressing = [
+            (f.side, closures[drive], f.normal)
+            for f, drive in zip(self.fingers, self._order, strict=True)
+            if f.pressing
+        ]
+        near, far = (_mean([at for side, at, _ in pressing if side == own]) for own in (1, -1))
+        forces = [sum(force for side, _, force in pressing if side == own) for own in (1, -1)]
+        place = 0.5 * (near - far)
+        walks = abs(place - self._place) > WALKS
+        self._pushed |= walks or min(forces) < AGREED * max(forces)
+        self._place, self._due = place, self._due + WATCHED
 
     def _approach(self, law: ForcePi, fingers: list[Finger], closure: float) -> float:
         """Speed (1/s) of a drive that nothing touches; one that feels nothing stays.
