@@ -3,7 +3,7 @@
 
 Three parts of real recordings, never seen by their calibrations, go as a board's own bytes through
 a pseudo-terminal, the driver, sensor_node and contact_node into a bag; the bag is evaluated
-without ROS. `--sensor` of another sensor runs its simulated twin instead, on a simple signal;
+without ROS. `--sensor` of another sensor simulates its board instead, on a simple signal;
 `grasp` runs simulated hands (needs MuJoCo).
 
 example:
