@@ -146,7 +146,18 @@ def _case_rows(seeds: list[int]) -> list[Row]:
         'restart of the node and a goal, force kept': (_restarted, '1', 0.7, 'high'),
         'sensors turned by 35 degrees: final force over asked': (_tilted, '1', 1.2, 'low'),
         '1 N of bias: found before closing': (_biased, '1', 1.0, 'high'),
-        'thumb reads 0: peak force over asked': (_dead, '1', 1.2, 'low'),
+        'thumb reads 0: peak force over asked': (
+            lambda seed: _weak(seed, 0, 'thumb'),
+            '1',
+            1.2,
+            'low',
+        ),
+        'all forces read a tenth: peak over asked': (
+            lambda seed: _weak(seed, 0.1),
+            '1',
+            1.3,
+            'low',
+        ),
         'forces freeze while loading: peak over asked': (_frozen, '1', 1.3, 'low'),
         'noise of 0.1 N, 2 N: time to HELD': (_noisy, 's', 5.0, 'low'),
         'friction 0.8 to 0.3: kept': (_slippery, '1', 0.95, 'high'),
@@ -219,9 +230,9 @@ def _peak(one: object, force: float) -> float:
     return max(max(forces.values()) for _, forces in one.trace) / force
 
 
-def _dead(seed: int) -> float:
+def _weak(seed: int, share: float, *names: str) -> float:
     one = world.AllegroWorld(seed=seed)
-    one.gain = {'thumb': 0.0}
+    one.gain = dict.fromkeys(names or one.loop.fingers, share)
     one.grasp(2.0)
     one.run(1.0)
     return _peak(one, 2.0)
